@@ -1,0 +1,56 @@
+# Everything sets itself up: a virtual environment in .venv, its packages, and a release build of the Rust core.
+PYTHON ?= python3
+BIN := .venv/bin
+RUST := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name Cargo.toml)
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test test-all bench lint format wheel clean
+
+help:
+	@echo "make demo | test | test-all | bench | lint | format | wheel | clean   (see CONTRIBUTING.md)"
+
+$(BIN)/maturin: pyproject.toml
+	$(PYTHON) -m venv .venv || { echo "cannot make a virtual environment: on Debian, apt install python3-venv"; exit 1; }
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade pip "maturin>=1.8,<2"
+	@touch $@
+
+# The package with every extra that tests need, built in release mode and importable from the source tree.
+.venv/.built: $(BIN)/maturin $(RUST)
+	VIRTUAL_ENV="$(CURDIR)/.venv" PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/maturin develop --quiet --release --extras cli,report,io,dev
+	@touch $@
+
+.venv/.bench: .venv/.built
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check ".venv/.." 2>/dev/null || true
+	@touch $@
+
+demo: .venv/.built
+	$(BIN)/imufast demo
+
+test: .venv/.built
+	cargo test --quiet --locked -p imufast-core
+	$(BIN)/python -m pytest -m "not slow"
+
+test-all: .venv/.built
+	cargo test --quiet --locked -p imufast-core
+	$(BIN)/python -m pytest
+
+bench: .venv/.bench
+	$(BIN)/python benches/two_imu.py
+	$(BIN)/python benches/speed.py
+
+lint: .venv/.built
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/python -m mypy.stubtest imufast._core
+	cargo fmt --check
+	cargo clippy --quiet --locked --workspace --all-targets -- -D warnings
+	cargo clippy --quiet --locked -p imufast-core --no-default-features -- -D warnings
+
+format: .venv/.built
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+	cargo fmt
+
+clean:
+	rm -rf .venv target dist out

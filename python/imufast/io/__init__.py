@@ -1,0 +1,7 @@
+"""Files in: one small module a format, one registry, and `read` above them."""
+
+from imufast.io.align import align
+from imufast.io.reading import read
+from imufast.io.registry import format_names
+
+__all__ = ["align", "format_names", "read"]

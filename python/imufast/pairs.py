@@ -1,0 +1,74 @@
+"""Two sensors of one joint as the algorithms see them: same instants, conditioned."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imufast import _core
+from imufast.errors import InputError
+from imufast.imu import Imu, Recording
+
+__all__ = ["PairSignals", "pair_signals"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PairSignals:
+    """Simultaneous samples of two sensors: (M,) times in s; (M, 3) rates in rad/s and accelerations in m/s², C-contiguous."""
+
+    time_s: Array
+    gyr1: Array
+    acc1: Array
+    gyr2: Array
+    acc2: Array
+    rate_hz: float
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    def relative_rate(self, axis1: Array, axis2: Array) -> Array:
+        """(M,) rate of the joint angle about the hinge axis, rad/s: `axis2·gyr2 − axis1·gyr1`."""
+        return self.gyr2 @ axis2 - self.gyr1 @ axis1
+
+    def residual(self, axis1: Array, axis2: Array) -> Array:
+        """(M,) gyroscope residual of the hinge constraint (eq. 14), rad/s: `‖gyr1×axis1‖ − ‖gyr2×axis2‖`."""
+        return _core.hinge_residuals(self.gyr1, self.gyr2, axis1.tolist(), axis2.tolist())
+
+
+def pair_signals(imu1: Imu, imu2: Imu, lowpass_hz: float | None = None) -> PairSignals:
+    """Check that two Imus can be the two sensors of a joint, and low-pass them when asked to.
+
+    Args:
+        imu1, imu2: Imus on one time base, at least four samples.
+        lowpass_hz: cut-off (-6 dB) of the one low-pass, Hz; None or 0: the samples as they are.
+
+    Raises:
+        InputError: not Imus, different time bases, the same data twice, fewer than four samples, or no stretch between breaks
+            that is as long as the low-pass.
+    """
+    for name, imu in (("imu1", imu1), ("imu2", imu2)):
+        if not isinstance(imu, Imu):
+            raise InputError(f"{name} must be an imufast.Imu, got {type(imu).__name__}")
+    if len(imu1) != len(imu2):
+        raise InputError(
+            f"imu1 has {len(imu1)} samples but imu2 has {len(imu2)}: bring them to one time base with imufast.align"
+        )
+    same = Recording({"imu1": imu1, "imu2": imu2})
+    if len(imu1) < 4:
+        raise InputError(f"imu1 and imu2 have {len(imu1)} samples; at least 4 are needed")
+    if np.array_equal(imu1.gyr, imu2.gyr) and imu1.gyr.any():
+        raise InputError(f"imu1 ({imu1.name!r}) and imu2 ({imu2.name!r}) hold the same gyr data: give two different sensors")
+    if not lowpass_hz:
+        return PairSignals(same.time_s, imu1.gyr, imu1.acc, imu2.gyr, imu2.acc, same.rate_hz)
+    time, arrays = _core.condition(imu1.gyr, imu1.acc, imu2.gyr, imu2.acc, same.time_s, same.rate_hz, lowpass_hz)
+    if len(time) < 4:
+        raise InputError(
+            f"imu1 and imu2 have no unbroken stretch of {2.0 / lowpass_hz:.3g} s, which lowpass_hz={lowpass_hz:g} needs: "
+            "give more samples or lowpass_hz=None"
+        )
+    gyr1, acc1, gyr2, acc2 = arrays
+    return PairSignals(time, gyr1, acc1, gyr2, acc2, same.rate_hz)

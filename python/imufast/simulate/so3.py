@@ -1,0 +1,103 @@
+"""Rotations in numpy: Hamilton quaternions `[w, x, y, z]`, and turning frames that know their rate and acceleration.
+
+`q_ab` takes vectors of frame b to frame a. Every function works row by row on (..., 4) and (..., 3) arrays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .checks import FloatArray
+from .signals import Signal
+
+__all__ = ["Turning", "conjugate", "multiply", "random_direction", "random_quaternion", "rotate", "rotate_back", "turned_by"]
+
+
+def multiply(q_ab: ArrayLike, q_bc: ArrayLike) -> FloatArray:
+    """q_ac = q_ab * q_bc; (..., 4)."""
+    p, q = np.asarray(q_ab, dtype=np.float64), np.asarray(q_bc, dtype=np.float64)
+    w1, x1, y1, z1 = np.moveaxis(p, -1, 0)
+    w2, x2, y2, z2 = np.moveaxis(q, -1, 0)
+    return np.stack(
+        [
+            w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
+            w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
+            w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
+            w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
+        ],
+        axis=-1,
+    )
+
+
+def conjugate(q_ab: ArrayLike) -> FloatArray:
+    """q_ba, the inverse of the unit quaternion q_ab; (..., 4)."""
+    inverse: FloatArray = np.asarray(q_ab, dtype=np.float64) * np.array([1.0, -1.0, -1.0, -1.0])
+    return inverse
+
+
+def rotate(q_ab: ArrayLike, v_b: ArrayLike) -> FloatArray:
+    """The vectors v_b (..., 3), seen in frame a."""
+    q, v = np.asarray(q_ab, dtype=np.float64), np.asarray(v_b, dtype=np.float64)
+    twice = 2.0 * np.cross(q[..., 1:], v)
+    turned: FloatArray = v + q[..., :1] * twice + np.cross(q[..., 1:], twice)
+    return turned
+
+
+def rotate_back(q_ab: ArrayLike, v_a: ArrayLike) -> FloatArray:
+    """The vectors v_a (..., 3), seen in frame b."""
+    return rotate(conjugate(q_ab), v_a)
+
+
+def turned_by(axis: ArrayLike, angle_rad: ArrayLike) -> FloatArray:
+    """Quaternion of the turn by `angle_rad` (...) about the unit vector `axis` (3,); (..., 4)."""
+    half = 0.5 * np.asarray(angle_rad, dtype=np.float64)[..., None]
+    return np.concatenate([np.cos(half), np.sin(half) * np.asarray(axis, dtype=np.float64)], axis=-1)
+
+
+def random_direction(rng: np.random.Generator) -> FloatArray:
+    """A unit vector (3,), uniform on the sphere."""
+    v = rng.standard_normal(3)
+    unit: FloatArray = v / np.linalg.norm(v)
+    return unit
+
+
+def random_quaternion(rng: np.random.Generator) -> FloatArray:
+    """A unit quaternion (4,), uniform over all rotations, scalar part not negative."""
+    q = rng.standard_normal(4)
+    q /= np.linalg.norm(q)
+    return q if q[0] >= 0.0 else -q
+
+
+@dataclass(frozen=True)
+class Turning:
+    """A frame c that turns in its parent frame p, at N instants.
+
+    `q` (N, 4) is q_pc; `gyr` (N, 3, rad/s) and `gyr_rate` (N, 3, rad/s²) are the angular velocity and acceleration of c
+    relative to p, in the coordinates of c.
+    """
+
+    q: FloatArray
+    gyr: FloatArray
+    gyr_rate: FloatArray
+
+    @classmethod
+    def about(cls, axis: ArrayLike, angle: Signal) -> Turning:
+        """The turn about a fixed unit vector by an angle (rad) that varies with time."""
+        unit = np.asarray(axis, dtype=np.float64)
+        return cls(turned_by(unit, angle.rows[0]), angle.rows[1][:, None] * unit, angle.rows[2][:, None] * unit)
+
+    def then(self, child: Turning) -> Turning:
+        """Frame of `child`, which turns in this frame, as seen from this frame's parent."""
+        carried = rotate_back(child.q, self.gyr)
+        return Turning(
+            multiply(self.q, child.q),
+            carried + child.gyr,
+            rotate_back(child.q, self.gyr_rate) + child.gyr_rate + np.cross(carried, child.gyr),
+        )
+
+    def mounted(self, q_cs: FloatArray) -> Turning:
+        """A frame s that is rigidly fixed to this one."""
+        return Turning(multiply(self.q, q_cs), rotate_back(q_cs, self.gyr), rotate_back(q_cs, self.gyr_rate))

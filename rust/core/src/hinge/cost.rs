@@ -1,0 +1,381 @@
+//! Residuals and Jacobians of the hinge constraints (eqs 24–25 with the second accelerometer as corrected, 36–39), as the
+//! normal equations of a step on the tangent planes of the two axes.
+
+use alloc::vec::Vec;
+use nalgebra::{ComplexField, Matrix3, Matrix4, Matrix6, Matrix6x4, Vector2, Vector3, Vector4, Vector6};
+
+use crate::{
+    Xyz,
+    so3::{retract, tangent_basis},
+};
+
+/// The hinge axis in both sensor frames, unit vectors with one common sign.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxisPair {
+    /// In sensor frame 1.
+    pub j1: Vector3<f64>,
+    /// In sensor frame 2.
+    pub j2: Vector3<f64>,
+}
+
+impl AxisPair {
+    /// Both vectors scaled to unit length; a vector without direction becomes x.
+    pub fn new(j1: Vector3<f64>, j2: Vector3<f64>) -> Self {
+        let unit = |v: Vector3<f64>| v.try_normalize(1e-300).unwrap_or_else(Vector3::x);
+        Self { j1: unit(j1), j2: unit(j2) }
+    }
+
+    /// The opposite sign pairing, where Algorithm 1 starts again (eq. 28).
+    pub fn other_sign_pair(&self) -> Self {
+        Self { j1: self.j1, j2: -self.j2 }
+    }
+
+    /// The same axis with the overall sign turned.
+    pub fn flipped(&self) -> Self {
+        Self { j1: -self.j1, j2: -self.j2 }
+    }
+
+    /// The canonical one of the two overall signs: the largest component of `j1` is positive.
+    pub fn canonical(&self) -> Self {
+        if self.j1[self.j1.iamax()] < 0.0 { self.flipped() } else { *self }
+    }
+
+    /// The tangent planes of both axes.
+    pub fn tangent(&self) -> Tangent {
+        Tangent { b1: tangent_basis(&self.j1), b2: tangent_basis(&self.j2) }
+    }
+
+    /// The pair reached by a tangent step (two components for each axis).
+    pub fn step(&self, tangent: &Tangent, step: &Vector4<f64>) -> Self {
+        Self {
+            j1: retract(&self.j1, &tangent.b1, &Vector2::new(step[0], step[1])),
+            j2: retract(&self.j2, &tangent.b2, &Vector2::new(step[2], step[3])),
+        }
+    }
+}
+
+/// Orthonormal bases of the tangent planes at an [`AxisPair`].
+#[derive(Clone, Copy, Debug)]
+pub struct Tangent {
+    /// At `j1`, in sensor frame 1.
+    pub b1: nalgebra::Matrix3x2<f64>,
+    /// At `j2`, in sensor frame 2.
+    pub b2: nalgebra::Matrix3x2<f64>,
+}
+
+impl Tangent {
+    /// The 6×4 matrix that takes a tangent step to the stacked change of `(j1, j2)`.
+    pub fn stacked(&self) -> Matrix6x4<f64> {
+        let mut b = Matrix6x4::zeros();
+        b.fixed_view_mut::<3, 2>(0, 0).copy_from(&self.b1);
+        b.fixed_view_mut::<3, 2>(3, 2).copy_from(&self.b2);
+        b
+    }
+}
+
+/// Samples closer in time than this are one *piece*, s. The residuals of a piece share their causes (one movement, one
+/// bias), so a piece counts as one observation where uncertainty is judged.
+pub const PIECE_S: f64 = 1.0;
+
+/// Half the cost, its gradient and its Gauss–Newton Hessian in the tangent planes: `V/2`, `Jᵀe`, `JᵀJ`.
+#[derive(Clone, Copy, Debug)]
+pub struct NormalEquations {
+    /// Half the sum of squared residuals.
+    pub half_cost: f64,
+    /// `Jᵀe`.
+    pub gradient: Vector4<f64>,
+    /// `JᵀJ`.
+    pub hessian: Matrix4<f64>,
+}
+
+/// The cost V of eqs 22–25 over a set of gyroscope samples and a set of accelerometer samples.
+///
+/// The gyroscope samples are kept; of the accelerometer samples only, for each piece of time, the 6×6 Gram matrix `AᵀA` of
+/// eq. 27, since `Σ e_a² = w_a² jᵀ(AᵀA)j`.
+#[derive(Clone, Debug)]
+pub struct HingeCost {
+    /// x, y, z of sensor 1, then of sensor 2: one vector each, so that many samples are handled side by side.
+    gyr: [Vec<f64>; 6],
+    /// Number of each piece and the sample at which it starts.
+    gyr_pieces: Vec<(f64, usize)>,
+    acc_gram: Matrix6<f64>,
+    acc_sum: Vector6<f64>,
+    acc_count: usize,
+    /// Number of each piece and its Gram matrix.
+    acc_pieces: Vec<(f64, Matrix6<f64>)>,
+    gyr_weight_squared: f64,
+    acc_weight_squared: f64,
+}
+
+impl HingeCost {
+    /// The cost over simultaneous angular rates `(time, ω1, ω2)` (s, rad/s) and accelerations `(time, a1, a2)` (s, m/s²), each
+    /// in the order of time, with the weights of eq. 70: `w_ω² = w_0`, `w_a² = 1/w_0`.
+    pub fn new<'a>(
+        weight_ratio: f64,
+        gyr: impl Iterator<Item = (f64, &'a Xyz, &'a Xyz)>,
+        acc: impl Iterator<Item = (f64, &'a Xyz, &'a Xyz)>,
+    ) -> Self {
+        let piece_of = |time: f64| ComplexField::floor(time / PIECE_S);
+        let mut channels: [Vec<f64>; 6] = Default::default();
+        channels.iter_mut().for_each(|channel| channel.reserve(gyr.size_hint().0));
+        let mut gyr_pieces: Vec<(f64, usize)> = Vec::new();
+        for (time, gyr1, gyr2) in gyr {
+            let piece = piece_of(time);
+            if gyr_pieces.last().is_none_or(|last| last.0 != piece) {
+                gyr_pieces.push((piece, channels[0].len()));
+            }
+            for (channel, value) in channels.iter_mut().zip(gyr1.iter().chain(gyr2)) {
+                channel.push(*value);
+            }
+        }
+        let mut acc_pieces: Vec<(f64, Matrix6<f64>)> = Vec::new();
+        let (mut acc_sum, mut acc_count) = (Vector6::zeros(), 0);
+        for (time, acc1, acc2) in acc {
+            let piece = piece_of(time);
+            if acc_pieces.last().is_none_or(|last| last.0 != piece) {
+                acc_pieces.push((piece, Matrix6::zeros()));
+            }
+            let row = acc_row(acc1, acc2);
+            if let Some((_, gram)) = acc_pieces.last_mut() {
+                *gram += row * row.transpose();
+            }
+            acc_sum += row;
+            acc_count += 1;
+        }
+        Self {
+            gyr: channels,
+            gyr_pieces,
+            acc_gram: acc_pieces.iter().map(|(_, gram)| gram).sum(),
+            acc_sum,
+            acc_count,
+            acc_pieces,
+            gyr_weight_squared: weight_ratio,
+            acc_weight_squared: 1.0 / weight_ratio,
+        }
+    }
+
+    /// Number of gyroscope samples.
+    pub fn gyr_count(&self) -> usize {
+        self.gyr[0].len()
+    }
+
+    /// Number of accelerometer samples.
+    pub fn acc_count(&self) -> usize {
+        self.acc_count
+    }
+
+    /// `AᵀA` of eq. 27 (6×6).
+    pub fn acc_gram(&self) -> &Matrix6<f64> {
+        &self.acc_gram
+    }
+
+    /// Sum of the rows of A.
+    pub fn acc_sum(&self) -> &Vector6<f64> {
+        &self.acc_sum
+    }
+
+    /// The gyroscope samples in the order they came.
+    pub fn gyr_samples(&self) -> impl Iterator<Item = (Vector3<f64>, Vector3<f64>)> + '_ {
+        let g = &self.gyr;
+        (0..self.gyr_count()).map(|k| (Vector3::new(g[0][k], g[1][k], g[2][k]), Vector3::new(g[3][k], g[4][k], g[5][k])))
+    }
+
+    /// The same cost on evenly spaced gyroscope samples, about `count` of them, and the accelerometers' at the same share: a
+    /// map of the same valleys that is cheaper to walk.
+    pub fn thinned(&self, count: usize) -> Self {
+        let stride = (self.gyr_count() / count.max(1)).max(1);
+        let gyr = self.gyr.each_ref().map(|channel| channel.iter().step_by(stride).copied().collect());
+        Self {
+            gyr,
+            gyr_pieces: Vec::new(),
+            acc_gram: self.acc_gram / stride as f64,
+            acc_pieces: Vec::new(),
+            ..*self
+        }
+    }
+
+    /// Cost, gradient and Gauss–Newton Hessian of both parts at `axes`, weighted.
+    pub fn normal_equations(&self, axes: &AxisPair, tangent: &Tangent) -> NormalEquations {
+        self.weighted(&self.gyr_normal_equations(axes, tangent), &self.acc_normal_equations(axes, tangent))
+    }
+
+    /// The sum of both parts with their weights.
+    pub fn weighted(&self, gyr: &NormalEquations, acc: &NormalEquations) -> NormalEquations {
+        let (wg, wa) = (self.gyr_weight_squared, self.acc_weight_squared);
+        NormalEquations {
+            half_cost: wg * gyr.half_cost + wa * acc.half_cost,
+            gradient: gyr.gradient * wg + acc.gradient * wa,
+            hessian: gyr.hessian * wg + acc.hessian * wa,
+        }
+    }
+
+    /// The gyroscope part (eqs 24, 36–37) without its weight.
+    pub fn gyr_normal_equations(&self, axes: &AxisPair, tangent: &Tangent) -> NormalEquations {
+        gyr_normal_equations(self.gyr.each_ref().map(Vec::as_slice), axes, tangent)
+    }
+
+    /// The accelerometer part (eqs 25, 39) without its weight, from the Gram matrix alone.
+    pub fn acc_normal_equations(&self, axes: &AxisPair, tangent: &Tangent) -> NormalEquations {
+        let j = stack(axes);
+        let basis = tangent.stacked();
+        let gram_j = self.acc_gram * j;
+        NormalEquations {
+            half_cost: 0.5 * j.dot(&gram_j),
+            gradient: basis.transpose() * gram_j,
+            hessian: basis.transpose() * self.acc_gram * basis,
+        }
+    }
+
+    /// The weighted scores `Σ w² J e` of each piece of time, in order: what the gradient is the sum of.
+    pub fn scores(&self, axes: &AxisPair, tangent: &Tangent) -> Vec<Vector4<f64>> {
+        let (wg, wa) = (self.gyr_weight_squared, self.acc_weight_squared);
+        let (j, basis) = (stack(axes), tangent.stacked());
+        let ends = self.gyr_pieces.iter().skip(1).map(|p| p.1).chain([self.gyr_count()]);
+        let gyr = self.gyr_pieces.iter().zip(ends).map(|(&(piece, start), end)| {
+            let samples = self.gyr.each_ref().map(|channel| &channel[start..end]);
+            (piece, gyr_normal_equations(samples, axes, tangent).gradient * wg)
+        });
+        let acc = self.acc_pieces.iter().map(|(piece, gram)| (*piece, basis.transpose() * (gram * j) * wa));
+        let mut all: Vec<(f64, Vector4<f64>)> = gyr.chain(acc).collect();
+        all.sort_by(|a, b| a.0.total_cmp(&b.0));
+        all.chunk_by(|a, b| a.0 == b.0).map(|piece| piece.iter().map(|(_, s)| s).sum()).collect()
+    }
+}
+
+fn gyr_normal_equations(gyr: [&[f64]; 6], axes: &AxisPair, tangent: &Tangent) -> NormalEquations {
+    let frame = [frame_rows(&axes.j1, &tangent.b1), frame_rows(&axes.j2, &tangent.b2)];
+    let s = sum_gyr(gyr, &frame);
+    let hessian = Matrix4::new(
+        s[5], s[6], -s[7], -s[8], //
+        s[6], s[9], -s[10], -s[11], //
+        -s[7], -s[10], s[12], s[13], //
+        -s[8], -s[11], s[13], s[14],
+    );
+    NormalEquations { half_cost: 0.5 * s[0], gradient: Vector4::new(-s[1], -s[2], s[3], s[4]), hessian }
+}
+
+/// The axes stacked, `[j1; j2]`.
+pub fn stack(axes: &AxisPair) -> Vector6<f64> {
+    Vector6::new(axes.j1.x, axes.j1.y, axes.j1.z, axes.j2.x, axes.j2.y, axes.j2.z)
+}
+
+/// A row of A: `[a1ᵀ, −a2ᵀ]` (eq. 53).
+pub fn acc_row(acc1: &Xyz, acc2: &Xyz) -> Vector6<f64> {
+    Vector6::new(acc1[0], acc1[1], acc1[2], -acc2[0], -acc2[1], -acc2[2])
+}
+
+/// Unweighted gyroscope residual (eq. 24) and its tangent Jacobian for one sample.
+///
+/// With `(u, v, w) = (b1·ω, b2·ω, j·ω)` the norm is `‖ω×j‖ = √(u²+v²)` and its tangent gradient `−w (u, v)/√(u²+v²)`: eq. 37
+/// written in the frame of the axis, free of cancellation. Where ω is parallel to j the norm has no gradient and that
+/// sensor's block is zero.
+pub fn gyr_residual(gyr1: &Vector3<f64>, gyr2: &Vector3<f64>, axes: &AxisPair, tangent: &Tangent) -> (f64, Vector4<f64>) {
+    let side = |gyr: &Vector3<f64>, j: &Vector3<f64>, b: &nalgebra::Matrix3x2<f64>| {
+        let p = b.transpose() * gyr;
+        let n = p.norm();
+        let slope = if n > 0.0 { -j.dot(gyr) / n } else { 0.0 };
+        (n, p * slope)
+    };
+    let (n1, d1) = side(gyr1, &axes.j1, &tangent.b1);
+    let (n2, d2) = side(gyr2, &axes.j2, &tangent.b2);
+    (n1 - n2, Vector4::new(d1.x, d1.y, -d2.x, -d2.y))
+}
+
+/// Rows b1, b2, j of the frame of an axis.
+fn frame_rows(j: &Vector3<f64>, b: &nalgebra::Matrix3x2<f64>) -> Matrix3<f64> {
+    Matrix3::from_columns(&[b.column(0).into(), b.column(1).into(), *j]).transpose()
+}
+
+/// `[Σe², Σ d e (4), Σ d dᵀ (10, upper triangle by rows)]` over all samples, where `J = (−d₁, −d₂, d₃, d₄)`: the signs wait
+/// until the sums are done.
+fn sum_gyr(gyr: [&[f64]; 6], frame: &[Matrix3<f64>; 2]) -> [f64; 15] {
+    #[cfg(all(feature = "std", target_arch = "x86_64"))]
+    if std::arch::is_x86_feature_detected!("avx2") {
+        // SAFETY: the processor has the feature that the function was compiled for, as just asked.
+        return unsafe { sum_gyr_avx2(gyr, frame) };
+    }
+    sum_gyr_chunks(gyr, frame)
+}
+
+/// The same source with wider registers; no fused operations, so the same bits.
+#[cfg(all(feature = "std", target_arch = "x86_64"))]
+#[target_feature(enable = "avx2")]
+fn sum_gyr_avx2(gyr: [&[f64]; 6], frame: &[Matrix3<f64>; 2]) -> [f64; 15] {
+    sum_gyr_chunks(gyr, frame)
+}
+
+/// Samples that go through the arithmetic together before they are summed: enough to keep the vector units busy, few enough
+/// to stay in the nearest cache.
+const CHUNK: usize = 32;
+/// Partial sums of one total. Fixed, so that the order of every sum is the same on every machine.
+const LANES: usize = 4;
+type Chunk = [f64; CHUNK];
+
+#[inline(always)]
+fn sum_gyr_chunks(gyr: [&[f64]; 6], frame: &[Matrix3<f64>; 2]) -> [f64; 15] {
+    let mut sums = [[0.0; LANES]; 15];
+    let count = gyr[0].len();
+    let mut start = 0;
+    while start < count {
+        let mut tail = [[0.0; CHUNK]; 6]; // zero rates contribute exactly nothing
+        let chunk: [&Chunk; 6] = if start + CHUNK <= count {
+            gyr.map(|channel| channel[start..].first_chunk().unwrap_or(&[0.0; CHUNK]))
+        } else {
+            for (padded, channel) in tail.iter_mut().zip(gyr) {
+                padded[..count - start].copy_from_slice(&channel[start..]);
+            }
+            tail.each_ref()
+        };
+        add_chunk(&mut sums, chunk, frame);
+        start += CHUNK;
+    }
+    sums.map(|s| (s[0] + s[1]) + (s[2] + s[3]))
+}
+
+#[inline(always)]
+fn add_chunk(sums: &mut [[f64; LANES]; 15], gyr: [&Chunk; 6], frame: &[Matrix3<f64>; 2]) {
+    let (mut e, mut other) = ([0.0; CHUNK], [0.0; CHUNK]);
+    let mut d = [[0.0; CHUNK]; 4];
+    let [d1, d2, d3, d4] = &mut d;
+    norm_and_descent([gyr[0], gyr[1], gyr[2]], &frame[0], &mut e, d1, d2);
+    norm_and_descent([gyr[3], gyr[4], gyr[5]], &frame[1], &mut other, d3, d4);
+    for (e, other) in e.iter_mut().zip(&other) {
+        *e -= other;
+    }
+    add_products(&mut sums[0], &e, &e);
+    let mut next = 5;
+    for a in 0..4 {
+        add_products(&mut sums[1 + a], &d[a], &e);
+        for b in a..4 {
+            add_products(&mut sums[next], &d[a], &d[b]);
+            next += 1;
+        }
+    }
+}
+
+#[inline(always)]
+fn add_products(sum: &mut [f64; LANES], a: &Chunk, b: &Chunk) {
+    for (a, b) in a.as_chunks::<LANES>().0.iter().zip(b.as_chunks::<LANES>().0) {
+        for l in 0..LANES {
+            sum[l] += a[l] * b[l];
+        }
+    }
+}
+
+/// Norms below this are as good as zero: ω is parallel to the axis, and dividing by it must stay finite.
+const TINY: f64 = 1e-150;
+
+/// `‖ω×j‖` and minus its two tangent derivatives for a chunk of samples (see [`gyr_residual`]).
+#[inline(always)]
+fn norm_and_descent(gyr: [&Chunk; 3], rows: &Matrix3<f64>, norm: &mut Chunk, d1: &mut Chunk, d2: &mut Chunk) {
+    let [x, y, z] = gyr;
+    for k in 0..CHUNK {
+        let along = |r: usize| rows[(r, 0)] * x[k] + rows[(r, 1)] * y[k] + rows[(r, 2)] * z[k];
+        let (u, v, w) = (along(0), along(1), along(2));
+        let n = ComplexField::sqrt(u * u + v * v);
+        let slope = w / if n > TINY { n } else { TINY };
+        norm[k] = n;
+        d1[k] = slope * u;
+        d2[k] = slope * v;
+    }
+}

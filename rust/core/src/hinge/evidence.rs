@@ -1,0 +1,136 @@
+//! How far an estimate of the hinge axis can be trusted: covariance (section 6.1), angular deviation in closed form, residuals.
+
+use nalgebra::{ComplexField, Matrix2, Matrix4, Matrix6, RealField, SymmetricEigen, Vector4};
+
+use super::cost::{AxisPair, HingeCost, Tangent, gyr_residual, stack};
+
+/// Numbers that say how far to trust an estimate.
+#[derive(Clone, Debug)]
+pub struct Evidence {
+    /// Covariance of the stacked axes `[j1; j2]` in sensor coordinates, rad²; singular along each axis. Not finite where the
+    /// data do not determine the axes or are too few to tell.
+    pub covariance: Matrix6<f64>,
+    /// The paper's covariance (eq. 57), which takes residuals as independent.
+    pub published_covariance: Matrix6<f64>,
+    /// Sample standard deviation of the gyroscope residual (eq. 58, unweighted), rad/s.
+    pub gyr_residual_std: f64,
+    /// Sample standard deviation of the accelerometer residual (eq. 58, unweighted), m/s².
+    pub acc_residual_std: f64,
+    /// Pieces of time that the covariance was estimated from.
+    pub pieces: usize,
+}
+
+impl Evidence {
+    /// Evidence at `axes`, a minimum of `cost`.
+    pub fn at(axes: &AxisPair, cost: &HingeCost) -> Self {
+        let tangent = axes.tangent();
+        let basis = tangent.stacked();
+        let to_sensor = |p: Option<Matrix4<f64>>| match p {
+            Some(p) => basis * p * basis.transpose(),
+            None => Matrix6::from_diagonal_element(f64::INFINITY),
+        };
+        let (gyr, acc) = (cost.gyr_normal_equations(axes, &tangent), cost.acc_normal_equations(axes, &tangent));
+        let gyr_sum: f64 = cost.gyr_samples().map(|(g1, g2)| gyr_residual(&g1, &g2, axes, &tangent).0).sum();
+        let acc_sum = stack(axes).dot(cost.acc_sum());
+        let gyr_residual_std = sample_std(2.0 * gyr.half_cost, gyr_sum, cost.gyr_count());
+        let acc_residual_std = sample_std(2.0 * acc.half_cost, acc_sum, cost.acc_count());
+        let scores = cost.scores(axes, &tangent);
+        let scaled = |hessian: Matrix4<f64>, std: f64| if std > 0.0 { hessian / (std * std) } else { Matrix4::zeros() };
+        Self {
+            covariance: to_sensor(sandwich(&cost.weighted(&gyr, &acc).hessian, &scores)),
+            // (J_sᵀ J_s)⁻¹ with each kind of residual scaled by its own standard deviation (eq. 57).
+            published_covariance: to_sensor(inverse(
+                scaled(gyr.hessian, gyr_residual_std) + scaled(acc.hessian, acc_residual_std),
+            )),
+            gyr_residual_std,
+            acc_residual_std,
+            pieces: scores.len(),
+        }
+    }
+}
+
+/// Sample standard deviation (eq. 58) from sums.
+fn sample_std(sum_of_squares: f64, sum: f64, count: usize) -> f64 {
+    if count < 2 {
+        return 0.0;
+    }
+    let n = count as f64;
+    ComplexField::sqrt(((sum_of_squares - sum * sum / n) / (n - 1.0)).max(0.0))
+}
+
+/// `H⁻¹ (Σ s sᵀ) H⁻¹` over the scores s of pieces of time: holds under residuals that are correlated within a piece and of any
+/// distribution. Few pieces widen it (factor `B/(B−4)`), five are the least.
+fn sandwich(hessian: &Matrix4<f64>, scores: &[Vector4<f64>]) -> Option<Matrix4<f64>> {
+    let pieces = scores.len();
+    let bread = inverse(*hessian).filter(|_| pieces > 4)?;
+    let meat: Matrix4<f64> = scores.iter().map(|s| s * s.transpose()).sum();
+    Some(bread * meat * bread * (pieces as f64 / (pieces as f64 - 4.0)))
+}
+
+/// Inverse of a matrix that is positive definite to working precision.
+fn inverse(m: Matrix4<f64>) -> Option<Matrix4<f64>> {
+    let scale = m.trace();
+    let factor = m.cholesky()?;
+    factor.l_dirty().diagonal().iter().all(|d| d * d > 1e-13 * scale).then(|| factor.inverse())
+}
+
+/// Mean and standard deviation of the angle between an axis and its estimate, rad, for a Gaussian error with the 2×2
+/// covariance `p` in the tangent plane: eqs 62–65 in closed form. With eigenvalues a ≥ b of `p`, the length of the error has
+/// mean `√(2a/π)·E(1 − b/a)` (complete elliptic integral of the second kind) and mean square `a + b`.
+pub fn angular_deviation(p: &Matrix2<f64>) -> (f64, f64) {
+    if !p.iter().all(|x| x.is_finite()) {
+        return (f64::INFINITY, f64::INFINITY);
+    }
+    let e = SymmetricEigen::new(*p).eigenvalues;
+    let (a, b) = (e.max().max(0.0), e.min().max(0.0));
+    if a == 0.0 {
+        return (0.0, 0.0);
+    }
+    let mean = ComplexField::sqrt(2.0 * a / f64::pi()) * elliptic_e(1.0 - b / a);
+    (mean, ComplexField::sqrt((a + b - mean * mean).max(0.0)))
+}
+
+/// The 2×2 tangent covariance of axis 1 or 2 out of the 6×6 covariance in sensor coordinates.
+pub fn tangent_covariance(covariance: &Matrix6<f64>, tangent: &Tangent) -> [Matrix2<f64>; 2] {
+    let (p1, p2) = (covariance.fixed_view::<3, 3>(0, 0), covariance.fixed_view::<3, 3>(3, 3));
+    [tangent.b1.transpose() * p1 * tangent.b1, tangent.b2.transpose() * p2 * tangent.b2]
+}
+
+/// Complete elliptic integral of the second kind E(m), 0 ≤ m ≤ 1, by the arithmetic-geometric mean.
+fn elliptic_e(m: f64) -> f64 {
+    if m >= 1.0 {
+        return 1.0;
+    }
+    let (mut mean, mut root) = (1.0, ComplexField::sqrt(1.0 - m));
+    let (mut weight, mut sum) = (0.5, 0.5 * m);
+    // Converges quadratically: a handful of rounds.
+    while mean - root > 1e-16 * mean && weight < 1e6 {
+        let half_difference = 0.5 * (mean - root);
+        (mean, root) = (0.5 * (mean + root), ComplexField::sqrt(mean * root));
+        weight *= 2.0;
+        sum += weight * half_difference * half_difference;
+    }
+    f64::pi() / (2.0 * mean) * (1.0 - sum)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn elliptic_integral_has_its_known_values() {
+        // Abramowitz & Stegun, table 17.1.
+        for (m, e) in [(0.0, 1.570_796_326_794_897), (0.5, 1.350_643_881_047_675), (0.9, 1.104_774_732_704_073), (1.0, 1.0)] {
+            assert!((elliptic_e(m) - e).abs() < 1e-14, "E({m}) = {}", elliptic_e(m));
+        }
+    }
+
+    #[test]
+    fn angular_deviation_has_the_moments_of_its_limits() {
+        let pi = core::f64::consts::PI;
+        let (mean, std) = angular_deviation(&Matrix2::identity()); // Rayleigh
+        assert!((mean - (pi / 2.0).sqrt()).abs() < 1e-14 && (std - (2.0 - pi / 2.0).sqrt()).abs() < 1e-14);
+        let (mean, std) = angular_deviation(&Matrix2::new(4.0, 0.0, 0.0, 0.0)); // half normal
+        assert!((mean - 2.0 * (2.0 / pi).sqrt()).abs() < 1e-14 && (std - 2.0 * (1.0 - 2.0 / pi).sqrt()).abs() < 1e-14);
+    }
+}

@@ -1,0 +1,14 @@
+//! The axis of a hinge joint from two inertial sensors: Olsson, Kok, Seel, Halvorsen, *Robust Plug-and-Play Joint Axis
+//! Estimation Using Inertial Sensors*, Sensors 2020, doi 10.3390/s20123534 (equation numbers below are that paper's).
+//!
+//! * [`cost`]: residuals and Jacobians (eqs 24–25, 36–39), the accelerometer's Gram form
+//! * [`solve`]: Gauss–Newton with sign-pair re-initialisation (Algorithm 1), deterministic starts, distinct minima
+//! * [`evidence`]: covariance (eq. 57 and a sandwich), angular deviation in closed form (eqs 60–65), residual statistics
+
+pub mod cost;
+pub mod evidence;
+pub mod solve;
+
+pub use cost::{AxisPair, HingeCost};
+pub use evidence::Evidence;
+pub use solve::{Minimum, Solution, SolveOptions, Status, deterministic_starts, solve};

@@ -1,0 +1,83 @@
+//! The one low-pass of imufast: a symmetric (linear-phase) FIR, so that a stream and a whole recording agree to the bit. The
+//! output is late by [`Lowpass::delay_samples`] and belongs to the middle of its window; nothing comes out for a window that
+//! is not full, and [`Lowpass::reset`] empties it where time jumps.
+
+use alloc::{vec, vec::Vec};
+use nalgebra::{ComplexField, RealField};
+
+/// Filters `C` channels side by side.
+#[derive(Clone, Debug)]
+pub struct Lowpass<const C: usize> {
+    /// Weights of the middle sample and of each pair around it.
+    half_kernel: Vec<f64>,
+    window: Vec<[f64; C]>,
+    next: usize,
+    filled: usize,
+}
+
+impl<const C: usize> Lowpass<C> {
+    /// A windowed sinc (Hamming) with −6 dB at `cutoff_hz` and zeros beyond; its half length is one period of the cut-off.
+    /// `cutoff_hz` at or above half the rate, or not positive, gives the identity.
+    pub fn new(cutoff_hz: f64, rate_hz: f64) -> Self {
+        let half_kernel = design(cutoff_hz, rate_hz);
+        let length = 2 * half_kernel.len() - 1;
+        Self { half_kernel, window: vec![[0.0; C]; length], next: 0, filled: 0 }
+    }
+
+    /// By how many samples the output is late.
+    pub fn delay_samples(&self) -> usize {
+        self.half_kernel.len() - 1
+    }
+
+    /// Forgets what it holds: what comes next is not joined to what came before.
+    pub fn reset(&mut self) {
+        self.next = 0;
+        self.filled = 0;
+    }
+
+    /// Takes one sample and gives the filtered sample of [`Self::delay_samples`] ago, once the window is full.
+    pub fn push(&mut self, sample: &[f64; C]) -> Option<[f64; C]> {
+        let length = self.window.len();
+        self.window[self.next] = *sample;
+        self.next = if self.next + 1 == length { 0 } else { self.next + 1 };
+        self.filled = (self.filled + 1).min(length);
+        (self.filled == length).then(|| self.output())
+    }
+
+    fn output(&self) -> [f64; C] {
+        let length = self.window.len();
+        let middle = self.delay_samples();
+        // self.next is the oldest sample of a full window.
+        let at = |offset: usize| {
+            let i = self.next + offset;
+            &self.window[if i >= length { i - length } else { i }]
+        };
+        let mut sum = at(middle).map(|x| x * self.half_kernel[0]);
+        for (k, weight) in self.half_kernel.iter().enumerate().skip(1) {
+            let (before, after) = (at(middle - k), at(middle + k));
+            for c in 0..C {
+                sum[c] += weight * (before[c] + after[c]);
+            }
+        }
+        sum
+    }
+}
+
+fn design(cutoff_hz: f64, rate_hz: f64) -> Vec<f64> {
+    let ratio = cutoff_hz / rate_hz;
+    if !(ratio > 0.0 && ratio < 0.5) {
+        return vec![1.0];
+    }
+    let half = ComplexField::ceil(1.0 / ratio) as usize;
+    let pi = f64::pi();
+    let mut kernel: Vec<f64> = (0..=half)
+        .map(|k| {
+            let x = 2.0 * pi * ratio * k as f64;
+            let sinc = if k == 0 { 1.0 } else { ComplexField::sin(x) / x };
+            sinc * (0.54 + 0.46 * ComplexField::cos(pi * k as f64 / half as f64))
+        })
+        .collect();
+    let sum = kernel[0] + 2.0 * kernel[1..].iter().sum::<f64>();
+    kernel.iter_mut().for_each(|k| *k /= sum);
+    kernel
+}

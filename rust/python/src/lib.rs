@@ -1,0 +1,22 @@
+//! Python binding of imufast-core: check, view, release the GIL, call, wrap. Nothing else.
+
+mod arrays;
+mod hinge;
+mod signals;
+
+use pyo3::prelude::*;
+
+/// Numerical core of imufast.
+#[pymodule]
+mod _core {
+    #[pymodule_export]
+    use super::hinge::{HingeFit, angular_deviation, hinge_axis, hinge_residuals};
+    #[pymodule_export]
+    use super::signals::condition;
+    use super::*;
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("build_profile", if cfg!(debug_assertions) { "debug" } else { "release" })
+    }
+}
