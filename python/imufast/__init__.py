@@ -9,19 +9,25 @@ from imufast.axis import HingeAxis, HingeMinimum, SolveStatus, estimate_hinge_ax
 from imufast.errors import FileFormatError, ImufastError, ImufastWarning, InputError, SettingsError, UnitError
 from imufast.imu import Imu, Recording
 from imufast.settings import HingeSettings
+from imufast.simulate import HingeSimulation, Motion, SoftTissue, random_biases, simulate_hinge
 
 __all__ = [
     "FileFormatError",
     "HingeAxis",
     "HingeMinimum",
     "HingeSettings",
+    "HingeSimulation",
     "Imu",
     "ImufastError",
     "ImufastWarning",
     "InputError",
+    "Motion",
     "Recording",
     "SettingsError",
+    "SoftTissue",
     "SolveStatus",
     "UnitError",
     "estimate_hinge_axis",
+    "random_biases",
+    "simulate_hinge",
 ]

@@ -109,9 +109,7 @@ class HingeAxis:
         if flexing is not None:
             imu1, imu2 = flexing
             signals = pair_signals(imu1, imu2)
-            along = (
-                float(np.trapezoid(signals.relative_rate(self.axis1, self.axis2), signals.time_s)) if len(signals) > 1 else 0.0
-            )
+            along = float(signals.relative_rate(self.axis1, self.axis2)[:-1] @ np.diff(signals.time_s))
             small = np.radians(1.0)
         else:
             direction = np.asarray(value, float)
