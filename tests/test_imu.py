@@ -5,13 +5,12 @@ from __future__ import annotations
 import pickle
 from typing import Any
 
+import imufast
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-
-import imufast
 
 GRAVITY = [0.0, 0.0, 9.81]
 
@@ -31,7 +30,9 @@ def test_arrays_that_fit_are_viewed_and_their_owner_may_still_write() -> None:
     assert not imu.time_s.flags.writeable
 
 
-@pytest.mark.parametrize("convert", [np.float32, np.asfortranarray, lambda x: x[::1][:, ::1].tolist(), lambda x: x.astype(">f8")])
+@pytest.mark.parametrize(
+    "convert", [np.float32, np.asfortranarray, lambda x: x[::1][:, ::1].tolist(), lambda x: x.astype(">f8")]
+)
 def test_any_layout_and_number_type_gives_the_same_samples(convert: Any) -> None:
     gyr, acc = (np.round(x * 64) / 64 for x in signals(40))  # exact in float32
     imu = imufast.Imu(convert(gyr), convert(acc), rate_hz=50)

@@ -7,10 +7,9 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import imufast
 import numpy as np
 import pytest
-
-import imufast
 
 RATE = 100.0
 

@@ -6,8 +6,10 @@ Units are SI (rad/s, m/s², s, m); names that end in `_deg` are degrees. Quatern
 from __future__ import annotations
 
 from imufast.axis import HingeAxis, HingeMinimum, SolveStatus, estimate_hinge_axis
-from imufast.errors import FileFormatError, ImufastError, ImufastWarning, InputError, SettingsError, UnitError
-from imufast.imu import Imu, Recording
+from imufast.errors import FileFormatError, ImufastError, ImufastWarning, InputError, MissingFileError, SettingsError, UnitError
+from imufast.imu import Imu, ReadInfo, Recording
+from imufast.io import align, read
+from imufast.select import SampleSelection, select_samples
 from imufast.settings import HingeSettings
 from imufast.simulate import HingeSimulation, Motion, SoftTissue, random_biases, simulate_hinge
 
@@ -21,13 +23,19 @@ __all__ = [
     "ImufastError",
     "ImufastWarning",
     "InputError",
+    "MissingFileError",
     "Motion",
+    "ReadInfo",
     "Recording",
+    "SampleSelection",
     "SettingsError",
     "SoftTissue",
     "SolveStatus",
     "UnitError",
+    "align",
     "estimate_hinge_axis",
     "random_biases",
+    "read",
+    "select_samples",
     "simulate_hinge",
 ]

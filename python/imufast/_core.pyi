@@ -5,6 +5,16 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+__all__ = [
+    "HingeFit",
+    "angular_deviation",
+    "build_profile",
+    "condition",
+    "hinge_axis",
+    "hinge_residuals",
+    "select_samples",
+]
+
 build_profile: str
 
 @final
@@ -61,3 +71,14 @@ def condition(
     rate_hz: float,
     cutoff_hz: float,
 ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]: ...
+def select_samples(
+    gyr1: NDArray[np.float64],
+    acc1: NDArray[np.float64],
+    gyr2: NDArray[np.float64],
+    acc2: NDArray[np.float64],
+    time_s: NDArray[np.float64],
+    rate_hz: float,
+    max_samples: int,
+    window_s: float,
+    energy_threshold: float,
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]: ...

@@ -211,7 +211,7 @@ class Recording(Mapping[str, Imu]):
 
     Args:
         imus: a mapping from name to Imu (the name wins over the Imu's own) or Imus with different names. All must have
-            the same sample times, within a thousandth of a step; `imufast.io.align` brings others there.
+            the same sample times, within a thousandth of a step; `imufast.align` brings others there.
         info: what reading found, by sensor name; `imufast.read` fills it.
 
     Raises:
@@ -315,7 +315,7 @@ def _read_only(array: Array) -> Array:
 
 def _check_same_time(first: Imu, other: Imu) -> None:
     differ = f"imus: {first.name!r} and {other.name!r} have different time bases"
-    advice = "align them with imufast.io.align([...]), or cut both to the same samples"
+    advice = "align them with imufast.align([...]), or cut both to the same samples"
     if len(first) != len(other):
         raise InputError(f"{differ}: {len(first)} and {len(other)} samples; {advice}")
     apart = np.abs(first.time_s - other.time_s)

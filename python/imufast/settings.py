@@ -32,7 +32,7 @@ def check_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class HingeSettings:
-    """How the hinge axis is estimated (Olsson et al. 2020, Algorithm 1).
+    """How the hinge axis is estimated (Olsson et al. 2020).
 
     Args:
         weight_ratio: weight w_0 of the gyroscope against the accelerometer residual (eq. 70); small trusts gravity, large
@@ -43,6 +43,10 @@ class HingeSettings:
         lowpass_hz: cut-off (-6 dB) of the one low-pass that both signals of both sensors go through first, Hz; None or 0: raw
             signals, as published. Default None. On a walking person 4 Hz decides between the knee and the wobble of the strap.
         max_iterations: Gauss-Newton iterations of one descent. Default 100.
+        max_samples: most gyroscope samples and most accelerometer samples that selection keeps (N_max). Default 1000.
+        window_s: length of the window that scores a sample (eqs 44-45), s. Default 0.42.
+        energy_threshold: accelerometer samples are passed over where the quieter sensor's mean angular rate energy is above
+            this (E_th), rad²/s². Default 1.
 
     Raises:
         SettingsError: a value is out of its range.
@@ -54,6 +58,9 @@ class HingeSettings:
     seed: int = 0
     lowpass_hz: float | None = None
     max_iterations: int = 100
+    max_samples: int = 1000
+    window_s: float = 0.42
+    energy_threshold: float = 1.0
 
     def __post_init__(self) -> None:
         check_number("weight_ratio", self.weight_ratio, 1e-12, 1e12)
@@ -65,6 +72,9 @@ class HingeSettings:
         if self.lowpass_hz is not None:
             check_number("lowpass_hz", self.lowpass_hz, 0.0, 1e6)
         check_count("max_iterations", self.max_iterations, 1, 100_000)
+        check_count("max_samples", self.max_samples, 4, 10_000_000)
+        check_number("window_s", self.window_s, 0.0, 60.0)
+        check_number("energy_threshold", self.energy_threshold, 0.0, 1e9, low_open=True)
 
     @classmethod
     def as_published(cls) -> HingeSettings:

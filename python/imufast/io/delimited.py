@@ -34,6 +34,8 @@ _SHORT = re.compile(
 _TIME = re.compile(r"(?:unix_?)?(?:time|time_?stamp|t)(?:_(?P<unit>s|sec|seconds|ms|us|µs|ns))?", re.IGNORECASE)
 _PER_SECOND = {"": 1.0, "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e3, "us": 1e6, "µs": 1e6, "ns": 1e9}
 _TIME_KEYS = {"time_s": 1.0, "time_ms": 1e3, "time_us": 1e6, "time_ns": 1e9}
+# Beyond this a title is no name, and patterns would take their time.
+_LONGEST_TITLE = 200
 _BRACKETS = re.compile(r"[\[(](.*)[\])]")
 
 
@@ -94,6 +96,8 @@ def _by_name(source: Source, table: Table) -> tuple[dict[str, _Columns], _Clock 
     found: dict[str, _Columns] = {}
     clock: _Clock | None = None
     for index, title in enumerate(table.columns):
+        if len(title) > _LONGEST_TITLE:
+            continue
         brackets = _BRACKETS.search(title)
         unit = brackets.group(1).strip() if brackets else ""
         word = re.sub(r"\W+", "_", _BRACKETS.sub("", title)).strip("_")

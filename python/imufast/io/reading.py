@@ -122,7 +122,7 @@ def _join(found: list[_Found], rate: float | None, stated: Units) -> Recording:
     if len(kinds) > 1:
         raise InputError(
             f"paths: the sensors cannot be aligned, for they have different clocks ({', '.join(sorted(kinds))}); "
-            "read them one by one with rate_hz= and join them with imufast.io.align"
+            "read them one by one with rate_hz= and join them with imufast.align"
         )
     kind = kinds.pop()
     if kind != _STAMPS:

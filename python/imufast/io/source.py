@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from imufast.errors import FileFormatError, MissingFileError
 from imufast.plausibility import Units
 
-__all__ = ["Format", "RawSensor", "Source", "open_source"]
+__all__ = ["HEAD_BYTES", "Format", "RawSensor", "Source", "open_source"]
 
 Array: TypeAlias = NDArray[np.float64]
 
-_HEAD_BYTES = 1 << 16
+HEAD_BYTES = 1 << 16
+"""Formats are told apart by this much, and headers end within it."""
 _PACKED = {b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"\xfd7zXZ": "xz", b"7z\xbc\xaf": "7z", b"\x28\xb5\x2f\xfd": "zstd"}
 
 
@@ -81,7 +82,7 @@ def open_source(path: Path, columns: Mapping[str, Any] | None, formats: tuple[st
         if not stat.S_ISREG(mode):
             raise FileFormatError(f"{label} is not a regular file")
         with path.open("rb") as file:
-            head = file.read(_HEAD_BYTES)
+            head = file.read(HEAD_BYTES)
     except FileNotFoundError:
         raise MissingFileError(f"{label}: there is no such file (looked from {os.getcwd()!r})") from None  # noqa: PTH109
     except (OSError, ValueError) as error:

@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from imufast.io.source import Source
+from imufast.io.source import HEAD_BYTES, Source
 from imufast.plausibility import warn_user
 
 __all__ = ["Table", "head_lines", "read_header", "read_numbers"]
@@ -43,7 +43,8 @@ class Table:
 
 def head_lines(head: bytes) -> list[str]:
     """The lines of a file's head; UTF-8, else Latin-1 (then only degree signs and names are at stake)."""
-    whole = head[: head.rfind(b"\n") + 1] or head
+    # Of a long file, the head ends somewhere inside a line.
+    whole = head if len(head) < HEAD_BYTES else head[: head.rfind(b"\n") + 1] or head
     try:
         text = whole.decode("utf-8-sig")
     except UnicodeDecodeError:

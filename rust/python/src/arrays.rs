@@ -9,14 +9,20 @@ pub fn xyz<'a>(array: &'a PyReadonlyArray2<'_, f64>, name: &str) -> PyResult<&'a
     if let (&[_, 3], Ok(flat)) = (array.shape(), array.as_slice()) {
         return Ok(flat.as_chunks().0);
     }
-    Err(PyValueError::new_err(format!("{name} must be a C-contiguous float64 array of shape (N, 3), got shape {:?}", array.shape())))
+    Err(PyValueError::new_err(format!(
+        "{name} must be a C-contiguous float64 array of shape (N, 3), got shape {:?}",
+        array.shape()
+    )))
 }
 
 /// A contiguous float64 vector of the given length.
 pub fn vector<'a>(array: &'a PyReadonlyArray1<'_, f64>, length: usize, name: &str) -> PyResult<&'a [f64]> {
     match array.as_slice() {
         Ok(flat) if flat.len() == length => Ok(flat),
-        _ => Err(PyValueError::new_err(format!("{name} must be a contiguous float64 array of length {length}, got shape {:?}", array.shape()))),
+        _ => Err(PyValueError::new_err(format!(
+            "{name} must be a contiguous float64 array of length {length}, got shape {:?}",
+            array.shape()
+        ))),
     }
 }
 
@@ -24,7 +30,9 @@ pub fn vector<'a>(array: &'a PyReadonlyArray1<'_, f64>, length: usize, name: &st
 pub fn equal_lengths(lengths: &[(&str, usize)]) -> PyResult<()> {
     match lengths {
         [(first, n), rest @ ..] => match rest.iter().find(|(_, m)| m != n) {
-            Some((name, m)) => Err(PyValueError::new_err(format!("{first} has {n} samples but {name} has {m}: give equal lengths"))),
+            Some((name, m)) => {
+                Err(PyValueError::new_err(format!("{first} has {n} samples but {name} has {m}: give equal lengths")))
+            }
             None => Ok(()),
         },
         [] => Ok(()),

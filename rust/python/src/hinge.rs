@@ -3,8 +3,11 @@
 use imufast_core::{
     Xyz,
     hinge::{
-        AxisPair, Evidence, HingeCost, Minimum, SolveOptions, Status, cost::gyr_residual, deterministic_starts,
-        evidence::{angular_deviation as deviation, tangent_covariance}, solve,
+        AxisPair, Evidence, HingeCost, Minimum, SolveOptions, Status,
+        cost::gyr_residual,
+        deterministic_starts,
+        evidence::{angular_deviation as deviation, tangent_covariance},
+        solve,
     },
 };
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods, nalgebra};
@@ -130,9 +133,12 @@ fn status_name(status: Status) -> &'static str {
 fn pairs(starts: &PyReadonlyArray3<'_, f64>) -> PyResult<Vec<AxisPair>> {
     let wrong = || PyValueError::new_err("starts must be a C-contiguous float64 array of shape (k, 2, 3) with k of 1 or more");
     match (starts.shape(), starts.as_slice()) {
-        (&[k, 2, 3], Ok(flat)) if k > 0 => {
-            Ok(flat.as_chunks::<6>().0.iter().map(|&[a, b, c, d, e, f]| AxisPair::new([a, b, c].into(), [d, e, f].into())).collect())
-        }
+        (&[k, 2, 3], Ok(flat)) if k > 0 => Ok(flat
+            .as_chunks::<6>()
+            .0
+            .iter()
+            .map(|&[a, b, c, d, e, f]| AxisPair::new([a, b, c].into(), [d, e, f].into()))
+            .collect()),
         _ => Err(wrong()),
     }
 }

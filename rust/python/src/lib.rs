@@ -2,6 +2,7 @@
 
 mod arrays;
 mod hinge;
+mod select;
 mod signals;
 
 use pyo3::prelude::*;
@@ -11,6 +12,8 @@ use pyo3::prelude::*;
 mod _core {
     #[pymodule_export]
     use super::hinge::{HingeFit, angular_deviation, hinge_axis, hinge_residuals};
+    #[pymodule_export]
+    use super::select::select_samples;
     #[pymodule_export]
     use super::signals::condition;
     use super::*;

@@ -44,11 +44,12 @@ pub fn condition<'py>(
         (times, channels)
     });
     let rows = times.len();
-    let [g1, a1, g2, a2] = channels.map(|c| Array2::from_shape_vec((rows, 3), c).map_err(|e| PyValueError::new_err(e.to_string())));
+    let [g1, a1, g2, a2] =
+        channels.map(|c| Array2::from_shape_vec((rows, 3), c).map_err(|e| PyValueError::new_err(e.to_string())));
     Ok((times.into_pyarray(py), [g1?.into_pyarray(py), a1?.into_pyarray(py), g2?.into_pyarray(py), a2?.into_pyarray(py)]))
 }
 
-fn join(gyr1: &Xyz, acc1: &Xyz, gyr2: &Xyz, acc2: &Xyz) -> PairSample {
+pub fn join(gyr1: &Xyz, acc1: &Xyz, gyr2: &Xyz, acc2: &Xyz) -> PairSample {
     let ([a, b, c], [d, e, f], [g, h, i], [j, k, l]) = (*gyr1, *acc1, *gyr2, *acc2);
     [a, b, c, d, e, f, g, h, i, j, k, l]
 }

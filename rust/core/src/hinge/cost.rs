@@ -185,13 +185,7 @@ impl HingeCost {
     pub fn thinned(&self, count: usize) -> Self {
         let stride = (self.gyr_count() / count.max(1)).max(1);
         let gyr = self.gyr.each_ref().map(|channel| channel.iter().step_by(stride).copied().collect());
-        Self {
-            gyr,
-            gyr_pieces: Vec::new(),
-            acc_gram: self.acc_gram / stride as f64,
-            acc_pieces: Vec::new(),
-            ..*self
-        }
+        Self { gyr, gyr_pieces: Vec::new(), acc_gram: self.acc_gram / stride as f64, acc_pieces: Vec::new(), ..*self }
     }
 
     /// Cost, gradient and Gauss–Newton Hessian of both parts at `axes`, weighted.

@@ -119,8 +119,9 @@ mod tests {
 
     #[test]
     fn elliptic_integral_has_its_known_values() {
+        assert!((elliptic_e(0.0) - core::f64::consts::FRAC_PI_2).abs() < 1e-15);
         // Abramowitz & Stegun, table 17.1.
-        for (m, e) in [(0.0, 1.570_796_326_794_897), (0.5, 1.350_643_881_047_675), (0.9, 1.104_774_732_704_073), (1.0, 1.0)] {
+        for (m, e) in [(0.5, 1.350_643_881_047_675), (0.9, 1.104_774_732_704_073), (1.0, 1.0)] {
             assert!((elliptic_e(m) - e).abs() < 1e-14, "E({m}) = {}", elliptic_e(m));
         }
     }

@@ -3,10 +3,14 @@
 //!
 //! * [`cost`]: residuals and Jacobians (eqs 24–25, 36–39), the accelerometer's Gram form
 //! * [`solve`]: Gauss–Newton with sign-pair re-initialisation (Algorithm 1), deterministic starts, distinct minima
+//! * [`scores`], [`select`], [`prune`]: which samples to use (Algorithms 2 and 3)
 //! * [`evidence`]: covariance (eq. 57 and a sandwich), angular deviation in closed form (eqs 60–65), residual statistics
 
 pub mod cost;
 pub mod evidence;
+pub mod prune;
+pub mod scores;
+pub mod select;
 pub mod solve;
 
 pub use cost::{AxisPair, HingeCost};

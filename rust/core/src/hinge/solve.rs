@@ -179,7 +179,13 @@ fn gauss_newton_step(normal: &NormalEquations) -> Option<Vector4<f64>> {
 }
 
 /// Halves the step until the cost falls by a share of what the gradient promises (Armijo).
-fn backtrack(cost: &HingeCost, axes: &AxisPair, here: &Point, step: &Vector4<f64>, predicted: f64) -> Option<(AxisPair, Point)> {
+fn backtrack(
+    cost: &HingeCost,
+    axes: &AxisPair,
+    here: &Point,
+    step: &Vector4<f64>,
+    predicted: f64,
+) -> Option<(AxisPair, Point)> {
     let mut alpha = 1.0;
     for _ in 0..30 {
         let next = axes.step(&here.1, &(step * alpha));
