@@ -19,8 +19,9 @@ $(BIN)/maturin: pyproject.toml
 	VIRTUAL_ENV="$(CURDIR)/.venv" PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/maturin develop --quiet --release --extras cli,report,io,dev
 	@touch $@
 
+# ...and the peers that imufast is measured beside.
 .venv/.bench: .venv/.built
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check ".venv/.." 2>/dev/null || true
+	VIRTUAL_ENV="$(CURDIR)/.venv" PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/maturin develop --quiet --release --extras bench
 	@touch $@
 
 demo: .venv/.built
@@ -46,6 +47,12 @@ lint: .venv/.built
 	cargo fmt --check
 	cargo clippy --quiet --locked --workspace --all-targets -- -D warnings
 	cargo clippy --quiet --locked -p imufast-core --no-default-features -- -D warnings
+
+# Builds the wheel and runs the demo from it in a clean environment of every CPython from 3.10 on that is found.
+wheel: .venv/.built
+	rm -rf dist
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/maturin build --quiet --release --locked --out dist
+	$(BIN)/python scripts/check_wheel.py dist/*.whl
 
 format: .venv/.built
 	$(BIN)/ruff check --fix .

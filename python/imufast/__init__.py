@@ -12,6 +12,7 @@ from imufast.io import align, read
 from imufast.select import SampleSelection, select_samples
 from imufast.settings import HingeSettings
 from imufast.simulate import HingeSimulation, Motion, SoftTissue, random_biases, simulate_hinge
+from imufast.sync import TimeOffset, time_offset
 
 __all__ = [
     "FileFormatError",
@@ -31,6 +32,7 @@ __all__ = [
     "SettingsError",
     "SoftTissue",
     "SolveStatus",
+    "TimeOffset",
     "UnitError",
     "align",
     "estimate_hinge_axis",
@@ -38,4 +40,5 @@ __all__ = [
     "read",
     "select_samples",
     "simulate_hinge",
+    "time_offset",
 ]

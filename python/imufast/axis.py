@@ -20,6 +20,11 @@ __all__ = ["HingeAxis", "HingeMinimum", "SolveStatus", "estimate_hinge_axis"]
 Array = NDArray[np.float64]
 
 
+UNEXPLAINED_LIMIT = 0.9
+"""Motion tells nothing where the best axes leave this share of the plain difference of the two rates. Measured: still or stiff
+joints 0.92 and more, mechanical hinges up to 0.07, knees 0.4-0.6, joints with more degrees of freedom 0.67-0.89."""
+
+
 class SolveStatus(str, Enum):
     """How a search for the hinge axis ended."""
 
@@ -58,7 +63,7 @@ class HingeAxis:
             correlated within a second and of any distribution (sandwich over pieces of 1 s). Infinite where the motion does
             not determine the axes or is shorter than five pieces.
         bound95_deg: (2,) bound meant to hold the angle between each axis and the truth in 95 % of cases, degrees: μ + 2σ of
-            eqs 64-65, in closed form, from `covariance`.
+            eqs 64-65, in closed form, from `covariance`, and `floor_deg` for what no data show (root of the sum of squares).
         published_bound_deg: (2,) the same from the paper's covariance (eq. 57), which takes residuals as independent.
         status: how the search ended.
         cost: V of eq. 23 at the axes.
@@ -106,20 +111,29 @@ class HingeAxis:
         if len(given) != 1:
             raise InputError(f"give exactly one of towards1, towards2, flexing; got {[name for name, _ in given] or 'none'}")
         name, value = given[0]
-        if flexing is not None:
-            imu1, imu2 = flexing
-            signals = pair_signals(imu1, imu2)
+        if name == "flexing":
+            if not isinstance(value, tuple) or len(value) != 2:
+                raise InputError(f"flexing must be a tuple of two Imus, got {type(value).__name__}")
+            signals = pair_signals(*value)
             along = float(signals.relative_rate(self.axis1, self.axis2)[:-1] @ np.diff(signals.time_s))
             small = np.radians(1.0)
         else:
-            direction = np.asarray(value, float)
-            if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
-                raise InputError(f"{name} must be three finite numbers, not all zero; got {value!r}")
-            along = float(direction @ (self.axis1 if name == "towards1" else self.axis2)) / float(np.linalg.norm(direction))
+            along = float(_direction(name, value) @ (self.axis1 if name == "towards1" else self.axis2))
             small = 1e-3
         if abs(along) < small:
             raise InputError(f"{name} does not tell the sign: it is perpendicular to the axis, or the joint hardly turns")
         return self if along > 0 else self.flipped()
+
+
+def _direction(name: str, value: object) -> Array:
+    try:
+        direction = np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        direction = np.zeros(0)
+    if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
+        raise InputError(f"{name} must be three finite numbers, not all zero; got {value!r}")
+    scaled = direction / np.abs(direction).max()
+    return np.asarray(scaled / np.linalg.norm(scaled))
 
 
 class Selection(Protocol):
@@ -168,19 +182,23 @@ def estimate_hinge_axis(
     """
     chosen = settings_from(settings, keywords)
     signals = pair_signals(imu1, imu2, chosen.lowpass_hz)
-    gyr_index, acc_index = (
-        (None, None)
-        if samples is None
-        else (_index("gyr_index", samples.gyr_index, len(signals)), _index("acc_index", samples.acc_index, len(signals)))
-    )
+    if samples is None:
+        return fit_axis(signals, chosen)
+    gyr_index, acc_index = (_index(samples, name, len(signals)) for name in ("gyr_index", "acc_index"))
     return fit_axis(signals, chosen, gyr_index, acc_index)
 
 
-def _index(name: str, index: object, count: int) -> NDArray[np.int64]:
-    array = np.asarray(index)
+def _index(samples: Selection, name: str, count: int) -> NDArray[np.int64]:
+    try:
+        array = np.asarray(getattr(samples, name))
+    except (AttributeError, ValueError):
+        raise InputError(
+            "samples must have vectors of whole numbers .gyr_index and .acc_index, as select_samples gives; "
+            f"got {type(samples).__name__}"
+        ) from None
     if array.ndim != 1 or array.dtype.kind not in "iu" or not len(array):
         raise InputError(f"samples.{name} must be a vector of whole numbers, got shape {array.shape} of {array.dtype}")
-    if array.min() < 0 or array.max() >= count or (np.diff(array) <= 0).any():
+    if array.min() < 0 or array.max() >= count or (np.diff(array.astype(np.int64)) <= 0).any():
         raise InputError(f"samples.{name} must ascend within 0 to {count - 1}, got {array.min()} to {array.max()}")
     return np.ascontiguousarray(array, np.int64)
 
@@ -207,10 +225,10 @@ def fit_axis(
         starts,
         settings.max_iterations,
     )
-    bound = np.degrees([mean + 2.0 * std for mean, std in fit.deviation])
+    bound = np.hypot(np.degrees([mean + 2.0 * std for mean, std in fit.deviation]), settings.floor_deg)
     status = SolveStatus(fit.status)
-    enough_pieces = fit.pieces > 4
-    if status is not SolveStatus.NUMERICAL_ERROR and enough_pieces and not bound.max() < 90.0:
+    told = fit.unexplained < UNEXPLAINED_LIMIT and (fit.pieces < 5 or bound.max() < 90.0)
+    if status is not SolveStatus.NUMERICAL_ERROR and not told:
         status = SolveStatus.NOT_IDENTIFIABLE
     return HingeAxis(
         axis1=np.array(fit.axis1),

@@ -64,11 +64,15 @@ def pair_signals(imu1: Imu, imu2: Imu, lowpass_hz: float | None = None) -> PairS
         raise InputError(f"imu1 ({imu1.name!r}) and imu2 ({imu2.name!r}) hold the same gyr data: give two different sensors")
     if not lowpass_hz:
         return PairSignals(same.time_s, imu1.gyr, imu1.acc, imu2.gyr, imu2.acc, same.rate_hz)
+    longest = max(stop - start for start, stop in imu1.segments())
+    short = InputError(
+        f"imu1 and imu2 have no unbroken stretch of {2.0 / lowpass_hz:.3g} s, which lowpass_hz={lowpass_hz:g} needs: "
+        "give more samples or lowpass_hz=None"
+    )
+    if longest < 2.0 * same.rate_hz / lowpass_hz:
+        raise short
     time, arrays = _core.condition(imu1.gyr, imu1.acc, imu2.gyr, imu2.acc, same.time_s, same.rate_hz, lowpass_hz)
     if len(time) < 4:
-        raise InputError(
-            f"imu1 and imu2 have no unbroken stretch of {2.0 / lowpass_hz:.3g} s, which lowpass_hz={lowpass_hz:g} needs: "
-            "give more samples or lowpass_hz=None"
-        )
+        raise short
     gyr1, acc1, gyr2, acc2 = arrays
     return PairSignals(time, gyr1, acc1, gyr2, acc2, same.rate_hz)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from numbers import Integral, Real
 
 from imufast.errors import SettingsError
 
@@ -12,7 +12,7 @@ __all__ = ["HingeSettings"]
 
 def check_number(name: str, value: object, low: float, high: float, *, low_open: bool = False) -> None:
     """Refuse what is not a real number within [low, high]."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value):
+    if isinstance(value, bool) or not isinstance(value, Real) or value != value:
         raise SettingsError(f"{name} must be a number, got {value!r}")
     if not low <= value <= high or (low_open and value == low):
         raise SettingsError(f"{name} must be between {low:g} and {high:g}, got {value!r}")
@@ -20,13 +20,13 @@ def check_number(name: str, value: object, low: float, high: float, *, low_open:
 
 def check_count(name: str, value: object, low: int, high: int) -> None:
     """Refuse what is not a whole number within [low, high]."""
-    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+    if isinstance(value, bool) or not isinstance(value, Integral) or not low <= value <= high:
         raise SettingsError(f"{name} must be a whole number between {low} and {high}, got {value!r}")
 
 
 def check_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
     """Refuse what is not one of the choices."""
-    if value not in choices:
+    if not isinstance(value, str) or value not in choices:
         raise SettingsError(f"{name} must be one of {', '.join(map(repr, choices))}, got {value!r}")
 
 
@@ -42,9 +42,10 @@ class HingeSettings:
         seed: seed of the random starts; only they take one. Default 0.
         lowpass_hz: cut-off (-6 dB) of the one low-pass that both signals of both sensors go through first, Hz; None or 0: raw
             signals, as published. Default None. On a walking person 4 Hz decides between the knee and the wobble of the strap.
-        max_iterations: Gauss-Newton iterations of one descent. Default 100.
+        max_iterations: Gauss-Newton iterations of one descent. Default 300.
         max_samples: most gyroscope samples and most accelerometer samples that selection keeps (N_max). Default 1000.
         window_s: length of the window that scores a sample (eqs 44-45), s. Default 0.42.
+        floor_deg: part of every bound that no data show (cross-axis sensitivity, housing), degrees. Default 0.5.
         energy_threshold: accelerometer samples are passed over where the quieter sensor's mean angular rate energy is above
             this (E_th), rad²/s². Default 1.
 
@@ -57,10 +58,11 @@ class HingeSettings:
     random_starts: int = 1
     seed: int = 0
     lowpass_hz: float | None = None
-    max_iterations: int = 100
+    max_iterations: int = 300
     max_samples: int = 1000
     window_s: float = 0.42
     energy_threshold: float = 1.0
+    floor_deg: float = 0.5
 
     def __post_init__(self) -> None:
         check_number("weight_ratio", self.weight_ratio, 1e-12, 1e12)
@@ -71,9 +73,12 @@ class HingeSettings:
             raise SettingsError('seed and random_starts only mean something with starts="random"; leave them out')
         if self.lowpass_hz is not None:
             check_number("lowpass_hz", self.lowpass_hz, 0.0, 1e6)
+            if 0.0 < self.lowpass_hz < 0.01:
+                raise SettingsError(f"lowpass_hz must be 0 (off) or at least 0.01, got {self.lowpass_hz!r}")
         check_count("max_iterations", self.max_iterations, 1, 100_000)
         check_count("max_samples", self.max_samples, 4, 10_000_000)
         check_number("window_s", self.window_s, 0.0, 60.0)
+        check_number("floor_deg", self.floor_deg, 0.0, 90.0)
         check_number("energy_threshold", self.energy_threshold, 0.0, 1e9, low_open=True)
 
     @classmethod

@@ -184,13 +184,13 @@ class _Window:
         return fits[best], float(lags[best]) / self.rate, lone
 
     def _worse(self, lags: NDArray[np.int64], fits: list[HingeAxis], other: int, best: int) -> bool:
-        """Whether the residuals at another minimum are larger in most pieces, beyond chance (three standard errors)."""
+        """Whether the residuals at another minimum are larger in most pieces, beyond chance (two standard errors)."""
         at = [
             np.bincount(self.piece, self.shifted(lags[i] / self.rate).residual(fits[i].axis1, fits[i].axis2) ** 2)
             for i in (other, best)
         ]
         more = at[0] - at[1]
-        return bool(more.mean() > 3.0 * more.std(ddof=1) / np.sqrt(self.pieces))
+        return bool(more.mean() > 2.0 * more.std(ddof=1) / np.sqrt(self.pieces))
 
     def refined(self, axes: HingeAxis, offset_s: float) -> tuple[float, float, float]:
         """Offset and its standard deviation, s, by Gauss-Newton on both axes and the offset; and the agreement there."""

@@ -17,17 +17,23 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Data:
-    """Rates (N, 3) and accelerations (M, 3) of both sensors, and the weights of eq. 70."""
+    """Rates (N, 3) and accelerations (M, 3) of both sensors, and the weights of eq. 70.
+
+    With a finite `rate_scale` c, rad/s, each rate residual also counts c / (c + ‖ω1‖ + ‖ω2‖); the paper has none.
+    """
 
     gyr1: Array
     gyr2: Array
     acc1: Array
     acc2: Array
     weight_ratio: float = 50.0
+    rate_scale: float = float("inf")
 
     @property
-    def gyr_weight(self) -> float:
-        return float(np.sqrt(self.weight_ratio))
+    def gyr_weight(self) -> Array:
+        """(N,) weight of each rate residual."""
+        speed = np.linalg.norm(self.gyr1, axis=1) + np.linalg.norm(self.gyr2, axis=1)
+        return np.asarray(np.sqrt(self.weight_ratio) / (1.0 + speed / self.rate_scale))
 
     @property
     def acc_weight(self) -> float:
@@ -97,7 +103,7 @@ def norm_slope(gyr: Array, j: Array) -> Array:
 def jacobian(x: Array, data: Data) -> Array:
     """Eqs 31 and 35-41: (N + M, 4)."""
     slope1, slope2 = axis_slope(x[:2]), axis_slope(x[2:])
-    of_gyr = data.gyr_weight * np.hstack(
+    of_gyr = data.gyr_weight[:, None] * np.hstack(
         [norm_slope(data.gyr1, axis(x[:2])) @ slope1.T, -norm_slope(data.gyr2, axis(x[2:])) @ slope2.T]
     )
     of_acc = data.acc_weight * np.hstack([data.acc1 @ slope1.T, -data.acc2 @ slope2.T])

@@ -27,9 +27,10 @@ pub struct Conditioner {
 }
 
 impl Conditioner {
-    /// For samples that come at about `rate_hz`; `cutoff_hz` as in [`Lowpass::new`].
-    pub fn new(cutoff_hz: f64, rate_hz: f64) -> Self {
-        Self { step_s: 1.0 / rate_hz, lowpass: Lowpass::new(cutoff_hz, rate_hz), origin_s: 0.0, made: 0, last: None }
+    /// For samples that come at about `rate_hz`; `cutoff_hz` and `every` as in [`Lowpass::new`].
+    pub fn new(cutoff_hz: f64, rate_hz: f64, every: usize) -> Self {
+        let lowpass = Lowpass::new(cutoff_hz, rate_hz, every);
+        Self { step_s: 1.0 / rate_hz, lowpass, origin_s: 0.0, made: 0, last: None }
     }
 
     /// By how much the output is late, s.
@@ -41,19 +42,22 @@ impl Conditioner {
     pub fn push(&mut self, time_s: f64, sample: &PairSample, out: &mut Vec<(f64, PairSample)>) {
         let previous = self.last.replace((time_s, *sample));
         match previous {
-            Some((before_s, before)) if time_s - before_s <= BREAK_STEPS * self.step_s => loop {
-                let grid_s = self.origin_s + self.made as f64 * self.step_s;
-                let ahead = (grid_s - time_s) / self.step_s;
-                if ahead > ON_GRID_STEPS {
-                    break;
+            Some((before_s, before)) if time_s - before_s <= BREAK_STEPS * self.step_s => {
+                // No more points than steps fit: ends also where a step is below the resolution of time.
+                for _ in 0..=BREAK_STEPS as usize {
+                    let grid_s = self.origin_s + self.made as f64 * self.step_s;
+                    let ahead = (grid_s - time_s) / self.step_s;
+                    if ahead > ON_GRID_STEPS {
+                        break;
+                    }
+                    if ComplexField::abs(ahead) <= ON_GRID_STEPS {
+                        self.emit(time_s, sample, out);
+                    } else {
+                        let share = (grid_s - before_s) / (time_s - before_s);
+                        self.emit(grid_s, &core::array::from_fn(|k| before[k] + share * (sample[k] - before[k])), out);
+                    }
                 }
-                if ComplexField::abs(ahead) <= ON_GRID_STEPS {
-                    self.emit(time_s, sample, out);
-                } else {
-                    let share = (grid_s - before_s) / (time_s - before_s);
-                    self.emit(grid_s, &core::array::from_fn(|k| before[k] + share * (sample[k] - before[k])), out);
-                }
-            },
+            }
             _ => {
                 self.lowpass.reset();
                 self.origin_s = time_s;
@@ -76,7 +80,7 @@ mod tests {
     use super::*;
 
     fn run(cutoff_hz: f64, times: &[f64], value: impl Fn(f64) -> f64) -> Vec<(f64, PairSample)> {
-        let mut conditioner = Conditioner::new(cutoff_hz, 100.0);
+        let mut conditioner = Conditioner::new(cutoff_hz, 100.0, 1);
         let mut out = Vec::new();
         for &t in times {
             conditioner.push(t, &[value(t); 12], &mut out);
@@ -109,7 +113,7 @@ mod tests {
         let step = |t: f64| if t < 1.2 { 0.0 } else { 1.0 };
         let out = run(4.0, &times, step);
         assert!(out.iter().all(|(t, s)| (s[0] - step(*t)).abs() < 1e-12));
-        let delay = Conditioner::new(4.0, 100.0).delay_s();
+        let delay = Conditioner::new(4.0, 100.0, 1).delay_s();
         assert!(out.iter().all(|(t, _)| *t < 1.0 - delay + 1e-9 || *t > 1.4 + delay - 1e-9));
     }
 

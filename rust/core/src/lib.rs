@@ -21,6 +21,7 @@
 //! | [`so3`] | tangent planes of the unit sphere |
 //! | [`lowpass`] | the one low-pass: a symmetric FIR with stated delay |
 //! | [`condition`] | even time, low-pass, breaks: what comes before any algorithm |
+//! | [`reservoir`] | bounded memory of an endless stream |
 //! | [`hinge`] | hinge axis, Olsson et al. 2020 |
 #![cfg_attr(not(feature = "std"), no_std)]
 extern crate alloc;
@@ -28,6 +29,7 @@ extern crate alloc;
 pub mod condition;
 pub mod hinge;
 pub mod lowpass;
+pub mod reservoir;
 pub mod so3;
 
 /// A vector in a sensor frame, as it arrives: x, y, z.

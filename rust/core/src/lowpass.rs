@@ -13,15 +13,20 @@ pub struct Lowpass<const C: usize> {
     window: Vec<[f64; C]>,
     next: usize,
     filled: usize,
+    /// One output for so many samples.
+    every: usize,
+    /// Samples until the next output, once the window is full.
+    wait: usize,
 }
 
 impl<const C: usize> Lowpass<C> {
     /// A windowed sinc (Hamming) with −6 dB at `cutoff_hz` and zeros beyond; its half length is one period of the cut-off.
-    /// `cutoff_hz` at or above half the rate, or not positive, gives the identity.
-    pub fn new(cutoff_hz: f64, rate_hz: f64) -> Self {
+    /// `cutoff_hz` at or above half the rate, or not positive, gives the identity. Of the filtered samples every `every`-th
+    /// comes out; the others are never computed.
+    pub fn new(cutoff_hz: f64, rate_hz: f64, every: usize) -> Self {
         let half_kernel = design(cutoff_hz, rate_hz);
         let length = 2 * half_kernel.len() - 1;
-        Self { half_kernel, window: vec![[0.0; C]; length], next: 0, filled: 0 }
+        Self { half_kernel, window: vec![[0.0; C]; length], next: 0, filled: 0, every: every.max(1), wait: 0 }
     }
 
     /// By how many samples the output is late.
@@ -31,8 +36,7 @@ impl<const C: usize> Lowpass<C> {
 
     /// Forgets what it holds: what comes next is not joined to what came before.
     pub fn reset(&mut self) {
-        self.next = 0;
-        self.filled = 0;
+        (self.next, self.filled, self.wait) = (0, 0, 0);
     }
 
     /// Takes one sample and gives the filtered sample of [`Self::delay_samples`] ago, once the window is full.
@@ -41,7 +45,12 @@ impl<const C: usize> Lowpass<C> {
         self.window[self.next] = *sample;
         self.next = if self.next + 1 == length { 0 } else { self.next + 1 };
         self.filled = (self.filled + 1).min(length);
-        (self.filled == length).then(|| self.output())
+        if self.filled < length {
+            return None;
+        }
+        let due = self.wait == 0;
+        self.wait = if due { self.every - 1 } else { self.wait - 1 };
+        due.then(|| self.output())
     }
 
     fn output(&self) -> [f64; C] {

@@ -6,7 +6,7 @@ use pyo3::{exceptions::PyValueError, prelude::*};
 
 /// A C-contiguous (N, 3) float64 array as a slice of samples.
 pub fn xyz<'a>(array: &'a PyReadonlyArray2<'_, f64>, name: &str) -> PyResult<&'a [Xyz]> {
-    if let (&[_, 3], Ok(flat)) = (array.shape(), array.as_slice()) {
+    if let (&[_, 3], true, Ok(flat)) = (array.shape(), array.is_c_contiguous(), array.as_slice()) {
         return Ok(flat.as_chunks().0);
     }
     Err(PyValueError::new_err(format!(
@@ -24,6 +24,14 @@ pub fn vector<'a>(array: &'a PyReadonlyArray1<'_, f64>, length: usize, name: &st
             array.shape()
         ))),
     }
+}
+
+/// Refuses what is not a positive finite number.
+pub fn positive(value: f64, name: &str) -> PyResult<()> {
+    if value.is_finite() && value > 0.0 {
+        return Ok(());
+    }
+    Err(PyValueError::new_err(format!("{name} must be a positive finite number, got {value}")))
 }
 
 /// Refuses arrays of unequal length.

@@ -3,7 +3,7 @@
 use imufast_core::{
     Xyz,
     hinge::{
-        AxisPair, Evidence, HingeCost, Minimum, SolveOptions, Status,
+        AxisPair, Evidence, HingeCost, Minimum, SolveOptions, Status, Weights,
         cost::gyr_residual,
         deterministic_starts,
         evidence::{angular_deviation as deviation, tangent_covariance},
@@ -34,6 +34,8 @@ pub struct HingeFit {
     published_deviation: [(f64, f64); 2],
     gyr_residual_std: f64,
     acc_residual_std: f64,
+    /// Rms gyroscope residual over rms difference of the two rates: near 1 the axes explain nothing.
+    unexplained: f64,
     pieces: usize,
 }
 
@@ -64,9 +66,9 @@ pub fn hinge_axis(
     // Starts that the caller chose are each followed on all samples, as published.
     let options = SolveOptions { max_iterations, coarse_first: starts.is_none(), ..SolveOptions::default() };
     let (solution, evidence) = py.detach(|| {
-        let cost = HingeCost::new(weight_ratio, gyr.iter(), acc.iter());
+        let cost = HingeCost::new(Weights::published(weight_ratio), gyr.iter(), acc.iter());
         let starts = starts.unwrap_or_else(|| deterministic_starts(&cost).to_vec());
-        let solution = solve(&cost, &starts, &options, &mut || Python::attach(|py| py.check_signals().is_ok()));
+        let solution = solve(&cost, &starts, &options, &mut || Python::attach(|py| py.check_signals()).is_ok());
         let evidence = Evidence::at(&solution.best().axes, &cost);
         (solution, evidence)
     });
@@ -87,6 +89,7 @@ pub fn hinge_axis(
         published_deviation: deviations(&evidence.published_covariance, &best.axes),
         gyr_residual_std: evidence.gyr_residual_std,
         acc_residual_std: evidence.acc_residual_std,
+        unexplained: evidence.unexplained,
         pieces: evidence.pieces,
     })
 }

@@ -8,10 +8,10 @@ use imufast_core::{
     },
 };
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2};
-use pyo3::prelude::*;
+use pyo3::{exceptions::PyValueError, prelude::*};
 
 use crate::{
-    arrays::{equal_lengths, vector, xyz},
+    arrays::{equal_lengths, positive, vector, xyz},
     signals::join,
 };
 
@@ -37,6 +37,10 @@ pub fn select_samples<'py>(
     let (gyr1, acc1, gyr2, acc2) = (xyz(&gyr1, "gyr1")?, xyz(&acc1, "acc1")?, xyz(&gyr2, "gyr2")?, xyz(&acc2, "acc2")?);
     equal_lengths(&[("gyr1", gyr1.len()), ("acc1", acc1.len()), ("gyr2", gyr2.len()), ("acc2", acc2.len())])?;
     let time = vector(&time_s, gyr1.len(), "time_s")?;
+    positive(rate_hz, "rate_hz")?;
+    if !(0.0..=time.len() as f64 / rate_hz + 1.0).contains(&window_s) {
+        return Err(PyValueError::new_err(format!("window_s must be from 0 to the length of the data, got {window_s}")));
+    }
     let (gyr, acc, gyr_score, acc_score) = py.detach(|| {
         let mut window = ScoreWindow::new(window_samples(window_s, rate_hz));
         let few = time.len() <= max_samples;

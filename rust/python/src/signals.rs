@@ -7,7 +7,7 @@ use imufast_core::{
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, ndarray::Array2};
 use pyo3::{exceptions::PyValueError, prelude::*};
 
-use crate::arrays::{equal_lengths, vector, xyz};
+use crate::arrays::{equal_lengths, positive, vector, xyz};
 
 type Arrays<'py> = (Bound<'py, PyArray1<f64>>, [Bound<'py, PyArray2<f64>>; 4]);
 
@@ -28,8 +28,16 @@ pub fn condition<'py>(
     let (gyr1, acc1, gyr2, acc2) = (xyz(&gyr1, "gyr1")?, xyz(&acc1, "acc1")?, xyz(&gyr2, "gyr2")?, xyz(&acc2, "acc2")?);
     equal_lengths(&[("gyr1", gyr1.len()), ("acc1", acc1.len()), ("gyr2", gyr2.len()), ("acc2", acc2.len())])?;
     let time = vector(&time_s, gyr1.len(), "time_s")?;
+    positive(rate_hz, "rate_hz")?;
+    // A kernel that no stretch can fill lets nothing through; it need not be made to know that.
+    if cutoff_hz > 0.0 && 2.0 * rate_hz / cutoff_hz > time.len() as f64 {
+        return Err(PyValueError::new_err(format!(
+            "cutoff_hz {cutoff_hz} needs a kernel longer than the {} samples",
+            time.len()
+        )));
+    }
     let (times, channels) = py.detach(|| {
-        let mut conditioner = Conditioner::new(cutoff_hz, rate_hz);
+        let mut conditioner = Conditioner::new(cutoff_hz, rate_hz, 1);
         let (mut times, mut ready) = (Vec::with_capacity(time.len()), Vec::new());
         let mut channels: [Vec<f64>; 4] = std::array::from_fn(|_| Vec::with_capacity(3 * time.len()));
         for ((((t, g1), a1), g2), a2) in time.iter().zip(gyr1).zip(acc1).zip(gyr2).zip(acc2) {

@@ -2,7 +2,7 @@
 //! normal equations of a step on the tangent planes of the two axes.
 
 use alloc::vec::Vec;
-use nalgebra::{ComplexField, Matrix3, Matrix4, Matrix6, Matrix6x4, Vector2, Vector3, Vector4, Vector6};
+use nalgebra::{ComplexField, Matrix3, Matrix4, Matrix4x6, Matrix6, Matrix6x4, Vector2, Vector3, Vector4, Vector6};
 
 use crate::{
     Xyz,
@@ -19,9 +19,12 @@ pub struct AxisPair {
 }
 
 impl AxisPair {
-    /// Both vectors scaled to unit length; a vector without direction becomes x.
+    /// Both vectors scaled to unit length; a vector without a direction (zero, not finite) becomes x.
     pub fn new(j1: Vector3<f64>, j2: Vector3<f64>) -> Self {
-        let unit = |v: Vector3<f64>| v.try_normalize(1e-300).unwrap_or_else(Vector3::x);
+        let unit = |v: Vector3<f64>| {
+            let scaled = v / v.amax(); // so that no square overflows
+            if scaled.iter().all(|x| x.is_finite()) { scaled.normalize() } else { Vector3::x() }
+        };
         Self { j1: unit(j1), j2: unit(j2) }
     }
 
@@ -82,6 +85,8 @@ pub const PIECE_S: f64 = 1.0;
 pub struct NormalEquations {
     /// Half the sum of squared residuals.
     pub half_cost: f64,
+    /// Sum of the residuals (of one kind, unweighted).
+    pub sum: f64,
     /// `Jᵀe`.
     pub gradient: Vector4<f64>,
     /// `JᵀJ`.
@@ -98,59 +103,129 @@ pub struct HingeCost {
     gyr: [Vec<f64>; 6],
     /// Number of each piece and the sample at which it starts.
     gyr_pieces: Vec<(f64, usize)>,
+    /// `Σ w² (‖ω1‖ − ‖ω2‖)²`: the gyroscope residual without any axis.
+    plain_energy: f64,
     acc_gram: Matrix6<f64>,
     acc_sum: Vector6<f64>,
     acc_count: usize,
-    /// Number of each piece and its Gram matrix.
-    acc_pieces: Vec<(f64, Matrix6<f64>)>,
-    gyr_weight_squared: f64,
-    acc_weight_squared: f64,
+    acc_pieces: Vec<AccPiece>,
+    weights: Weights,
+}
+
+/// The accelerometer rows of one piece of time.
+#[derive(Clone, Copy, Debug)]
+struct AccPiece {
+    number: f64,
+    gram: Matrix6<f64>,
+    sum: Vector6<f64>,
+}
+
+/// How the residuals are weighted against each other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Weights {
+    /// `w_0` of eq. 70: `w_ω² = w_0`, `w_a² = 1/w_0`.
+    pub ratio: f64,
+    /// What a gyroscope residual gets wrong grows with the rates (scale factors, soft tissue, timing), so it counts
+    /// `c/(c + ‖ω1‖ + ‖ω2‖)` with this c, rad/s; infinite: all alike, as published.
+    pub rate_scale: f64,
+    /// The accelerations along the axis may differ by a constant (their biases), known beforehand to be no larger than what
+    /// so many samples would tell; infinite: by nothing, as published.
+    pub offset_prior: f64,
+}
+
+impl Weights {
+    /// As published: eq. 70 and nothing else.
+    pub fn published(ratio: f64) -> Self {
+        Self { ratio, rate_scale: f64::INFINITY, offset_prior: f64::INFINITY }
+    }
 }
 
 impl HingeCost {
     /// The cost over simultaneous angular rates `(time, ω1, ω2)` (s, rad/s) and accelerations `(time, a1, a2)` (s, m/s²), each
-    /// in the order of time, with the weights of eq. 70: `w_ω² = w_0`, `w_a² = 1/w_0`.
+    /// in the order of time.
     pub fn new<'a>(
-        weight_ratio: f64,
+        weights: Weights,
         gyr: impl Iterator<Item = (f64, &'a Xyz, &'a Xyz)>,
         acc: impl Iterator<Item = (f64, &'a Xyz, &'a Xyz)>,
     ) -> Self {
-        let piece_of = |time: f64| ComplexField::floor(time / PIECE_S);
+        let (mut gyr, mut acc) = (gyr.peekable(), acc.peekable());
+        let origin = gyr.peek().map_or(f64::INFINITY, |g| g.0).min(acc.peek().map_or(f64::INFINITY, |a| a.0));
+        let piece_of = |time: f64| ComplexField::floor((time - origin) / PIECE_S);
         let mut channels: [Vec<f64>; 6] = Default::default();
-        channels.iter_mut().for_each(|channel| channel.reserve(gyr.size_hint().0));
+        let (least, most) = gyr.size_hint();
+        channels.iter_mut().for_each(|channel| channel.reserve(most.unwrap_or(least)));
+        let mut plain_energy = 0.0;
         let mut gyr_pieces: Vec<(f64, usize)> = Vec::new();
         for (time, gyr1, gyr2) in gyr {
             let piece = piece_of(time);
             if gyr_pieces.last().is_none_or(|last| last.0 != piece) {
                 gyr_pieces.push((piece, channels[0].len()));
             }
+            let (rate1, rate2) = (norm(gyr1), norm(gyr2));
+            let weight =
+                if weights.rate_scale.is_finite() { weights.rate_scale / (weights.rate_scale + rate1 + rate2) } else { 1.0 };
+            let difference = weight * (rate1 - rate2);
+            plain_energy += difference * difference;
             for (channel, value) in channels.iter_mut().zip(gyr1.iter().chain(gyr2)) {
-                channel.push(*value);
+                // The residual is homogeneous in the rates: weighted rates give the weighted residual.
+                channel.push(weight * value);
             }
         }
-        let mut acc_pieces: Vec<(f64, Matrix6<f64>)> = Vec::new();
-        let (mut acc_sum, mut acc_count) = (Vector6::zeros(), 0);
+        let mut acc_pieces: Vec<AccPiece> = Vec::new();
+        let mut acc_count = 0;
         for (time, acc1, acc2) in acc {
-            let piece = piece_of(time);
-            if acc_pieces.last().is_none_or(|last| last.0 != piece) {
-                acc_pieces.push((piece, Matrix6::zeros()));
+            let number = piece_of(time);
+            if acc_pieces.last().is_none_or(|last| last.number != number) {
+                acc_pieces.push(AccPiece { number, gram: Matrix6::zeros(), sum: Vector6::zeros() });
             }
             let row = acc_row(acc1, acc2);
-            if let Some((_, gram)) = acc_pieces.last_mut() {
-                *gram += row * row.transpose();
+            if let Some(piece) = acc_pieces.last_mut() {
+                piece.gram += row * row.transpose();
+                piece.sum += row;
             }
-            acc_sum += row;
             acc_count += 1;
         }
+        let gram: Matrix6<f64> = acc_pieces.iter().map(|piece| piece.gram).sum();
+        let acc_sum: Vector6<f64> = acc_pieces.iter().map(|piece| piece.sum).sum();
         Self {
             gyr: channels,
             gyr_pieces,
-            acc_gram: acc_pieces.iter().map(|(_, gram)| gram).sum(),
+            plain_energy,
+            acc_gram: gram - acc_sum * acc_sum.transpose() / (acc_count as f64 + weights.offset_prior),
             acc_sum,
             acc_count,
             acc_pieces,
-            gyr_weight_squared: weight_ratio,
-            acc_weight_squared: 1.0 / weight_ratio,
+            weights,
+        }
+    }
+
+    /// `w_ω²` and `w_a²`.
+    fn squared_weights(&self) -> (f64, f64) {
+        (self.weights.ratio, 1.0 / self.weights.ratio)
+    }
+
+    /// `w_a²`.
+    pub fn acc_weight(&self) -> f64 {
+        self.squared_weights().1
+    }
+
+    /// The best constant difference of the accelerations along the axes, m/s²; zero as published.
+    pub fn acc_offset(&self, axes: &AxisPair) -> f64 {
+        stack(axes).dot(&self.acc_sum) / (self.acc_count as f64 + self.weights.offset_prior)
+    }
+
+    /// Whether every cost will be a finite number: the data are finite and do not overflow.
+    pub fn is_finite(&self) -> bool {
+        self.plain_energy.is_finite() && self.acc_gram.iter().all(|x| x.is_finite())
+    }
+
+    /// Rms of the gyroscope residual at `axes` over the rms of the plain difference of the two rates: near 1 or above, the axes
+    /// explain nothing. Infinite where the sensors do not turn.
+    pub fn unexplained(&self, axes: &AxisPair) -> f64 {
+        if self.plain_energy > 0.0 {
+            ComplexField::sqrt(2.0 * self.gyr_normal_equations(axes, &axes.tangent()).half_cost / self.plain_energy)
+        } else {
+            f64::INFINITY
         }
     }
 
@@ -164,20 +239,23 @@ impl HingeCost {
         self.acc_count
     }
 
-    /// `AᵀA` of eq. 27 (6×6).
+    /// `AᵀA` of eq. 27 (6×6), less what the constant difference explains.
     pub fn acc_gram(&self) -> &Matrix6<f64> {
         &self.acc_gram
     }
 
-    /// Sum of the rows of A.
-    pub fn acc_sum(&self) -> &Vector6<f64> {
-        &self.acc_sum
+    /// Sum of the squares of the accelerometer residuals as published (eq. 25, unweighted, no constant difference).
+    pub fn acc_squares(&self, axes: &AxisPair) -> f64 {
+        let j = stack(axes);
+        self.acc_pieces.iter().map(|piece| j.dot(&(piece.gram * j))).sum()
     }
 
-    /// The gyroscope samples in the order they came.
+    /// The gyroscope samples in the order they came, each times its rate weight.
     pub fn gyr_samples(&self) -> impl Iterator<Item = (Vector3<f64>, Vector3<f64>)> + '_ {
-        let g = &self.gyr;
-        (0..self.gyr_count()).map(|k| (Vector3::new(g[0][k], g[1][k], g[2][k]), Vector3::new(g[3][k], g[4][k], g[5][k])))
+        let [x1, y1, z1, x2, y2, z2] = &self.gyr;
+        let one = x1.iter().zip(y1).zip(z1).map(|((x, y), z)| Vector3::new(*x, *y, *z));
+        let two = x2.iter().zip(y2).zip(z2).map(|((x, y), z)| Vector3::new(*x, *y, *z));
+        one.zip(two)
     }
 
     /// The same cost on evenly spaced gyroscope samples, about `count` of them, and the accelerometers' at the same share: a
@@ -195,9 +273,10 @@ impl HingeCost {
 
     /// The sum of both parts with their weights.
     pub fn weighted(&self, gyr: &NormalEquations, acc: &NormalEquations) -> NormalEquations {
-        let (wg, wa) = (self.gyr_weight_squared, self.acc_weight_squared);
+        let (wg, wa) = self.squared_weights();
         NormalEquations {
             half_cost: wg * gyr.half_cost + wa * acc.half_cost,
+            sum: 0.0, // of unlike kinds it has no meaning
             gradient: gyr.gradient * wg + acc.gradient * wa,
             hessian: gyr.hessian * wg + acc.hessian * wa,
         }
@@ -215,25 +294,85 @@ impl HingeCost {
         let gram_j = self.acc_gram * j;
         NormalEquations {
             half_cost: 0.5 * j.dot(&gram_j),
+            sum: j.dot(&self.acc_sum),
             gradient: basis.transpose() * gram_j,
             hessian: basis.transpose() * self.acc_gram * basis,
         }
     }
 
-    /// The weighted scores `Σ w² J e` of each piece of time, in order: what the gradient is the sum of.
-    pub fn scores(&self, axes: &AxisPair, tangent: &Tangent) -> Vec<Vector4<f64>> {
-        let (wg, wa) = (self.gyr_weight_squared, self.acc_weight_squared);
-        let (j, basis) = (stack(axes), tangent.stacked());
+    /// What each piece of time adds: to the cost and, as weighted scores `Σ w² J e`, to the gradient; in order.
+    pub fn pieces(&self, axes: &AxisPair, tangent: &Tangent) -> Vec<Piece> {
+        let wg = self.squared_weights().0;
         let ends = self.gyr_pieces.iter().skip(1).map(|p| p.1).chain([self.gyr_count()]);
-        let gyr = self.gyr_pieces.iter().zip(ends).map(|(&(piece, start), end)| {
+        let gyr = self.gyr_pieces.iter().zip(ends).map(|(&(number, start), end)| {
             let samples = self.gyr.each_ref().map(|channel| &channel[start..end]);
-            (piece, gyr_normal_equations(samples, axes, tangent).gradient * wg)
+            let normal = gyr_normal_equations(samples, axes, tangent);
+            Piece { number, cost: 2.0 * wg * normal.half_cost, score: normal.gradient * wg }
         });
-        let acc = self.acc_pieces.iter().map(|(piece, gram)| (*piece, basis.transpose() * (gram * j) * wa));
-        let mut all: Vec<(f64, Vector4<f64>)> = gyr.chain(acc).collect();
-        all.sort_by(|a, b| a.0.total_cmp(&b.0));
-        all.chunk_by(|a, b| a.0 == b.0).map(|piece| piece.iter().map(|(_, s)| s).sum()).collect()
+        let mut all: Vec<Piece> = gyr.chain(self.acc_pieces(axes, tangent)).collect();
+        all.sort_by(|a, b| a.number.total_cmp(&b.number));
+        let join = |piece: &[Piece]| Piece {
+            number: piece[0].number,
+            cost: piece.iter().map(|p| p.cost).sum(),
+            score: piece.iter().map(|p| p.score).sum(),
+        };
+        all.chunk_by(|a, b| a.number == b.number).map(join).collect()
     }
+
+    /// What the accelerometer rows of each piece of time add.
+    pub fn acc_pieces(&self, axes: &AxisPair, tangent: &Tangent) -> impl Iterator<Item = Piece> + '_ {
+        let wa = self.squared_weights().1;
+        let (j, basis, offset) = (stack(axes), tangent.stacked(), self.acc_offset(axes));
+        self.acc_pieces.iter().map(move |piece| {
+            let gram_j = piece.gram * j;
+            Piece {
+                number: piece.number,
+                cost: wa * (j.dot(&gram_j) - offset * j.dot(&piece.sum)),
+                score: basis.transpose() * (gram_j - piece.sum * offset) * wa,
+            }
+        })
+    }
+
+    /// How the gradient answers to constant offsets: of the six gyroscope channels (4×6, per rad/s) and of the difference of
+    /// the accelerations along the axis (4, per m/s²).
+    pub fn offset_sensitivity(&self, axes: &AxisPair, tangent: &Tangent) -> (Matrix4x6<f64>, Vector4<f64>) {
+        let mut gyr = Matrix4x6::zeros();
+        for (gyr1, gyr2) in self.gyr_samples() {
+            // w = c/(c + n) from the weighted n' = w n.
+            let weight = 1.0 - (gyr1.norm() + gyr2.norm()) / self.weights.rate_scale;
+            let (_, jac) = gyr_residual(&gyr1, &gyr2, axes, tangent);
+            let across = |gyr: &Vector3<f64>, b: &nalgebra::Matrix3x2<f64>| {
+                let p = b * (b.transpose() * gyr);
+                p.try_normalize(TINY).unwrap_or_default()
+            };
+            let (d1, d2) = (across(&gyr1, &tangent.b1), across(&gyr2, &tangent.b2));
+            let response = Vector6::new(d1.x, d1.y, d1.z, -d2.x, -d2.y, -d2.z) * (weight * self.squared_weights().0);
+            gyr += jac * response.transpose();
+        }
+        // What the profiled offset does not take up.
+        let n = self.acc_count as f64;
+        let left = if self.weights.offset_prior.is_finite() {
+            self.weights.offset_prior / (n + self.weights.offset_prior)
+        } else {
+            1.0
+        };
+        (gyr, tangent.stacked().transpose() * self.acc_sum * (left * self.squared_weights().1))
+    }
+}
+
+/// What one piece of time adds to the cost and its gradient.
+#[derive(Clone, Copy, Debug)]
+pub struct Piece {
+    /// Which piece: its start over [`PIECE_S`].
+    pub number: f64,
+    /// Weighted squared residuals.
+    pub cost: f64,
+    /// `Σ w² J e`.
+    pub score: Vector4<f64>,
+}
+
+fn norm(v: &Xyz) -> f64 {
+    ComplexField::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 }
 
 fn gyr_normal_equations(gyr: [&[f64]; 6], axes: &AxisPair, tangent: &Tangent) -> NormalEquations {
@@ -245,7 +384,7 @@ fn gyr_normal_equations(gyr: [&[f64]; 6], axes: &AxisPair, tangent: &Tangent) ->
         -s[7], -s[10], s[12], s[13], //
         -s[8], -s[11], s[13], s[14],
     );
-    NormalEquations { half_cost: 0.5 * s[0], gradient: Vector4::new(-s[1], -s[2], s[3], s[4]), hessian }
+    NormalEquations { half_cost: 0.5 * s[0], sum: s[15], gradient: Vector4::new(-s[1], -s[2], s[3], s[4]), hessian }
 }
 
 /// The axes stacked, `[j1; j2]`.
@@ -280,9 +419,9 @@ fn frame_rows(j: &Vector3<f64>, b: &nalgebra::Matrix3x2<f64>) -> Matrix3<f64> {
     Matrix3::from_columns(&[b.column(0).into(), b.column(1).into(), *j]).transpose()
 }
 
-/// `[Σe², Σ d e (4), Σ d dᵀ (10, upper triangle by rows)]` over all samples, where `J = (−d₁, −d₂, d₃, d₄)`: the signs wait
+/// `[Σe², Σ d e (4), Σ d dᵀ (10, upper triangle by rows), Σe]` over all samples, where `J = (−d₁, −d₂, d₃, d₄)`: the signs wait
 /// until the sums are done.
-fn sum_gyr(gyr: [&[f64]; 6], frame: &[Matrix3<f64>; 2]) -> [f64; 15] {
+fn sum_gyr(gyr: [&[f64]; 6], frame: &[Matrix3<f64>; 2]) -> [f64; 16] {
     #[cfg(all(feature = "std", target_arch = "x86_64"))]
     if std::arch::is_x86_feature_detected!("avx2") {
         // SAFETY: the processor has the feature that the function was compiled for, as just asked.
@@ -294,7 +433,7 @@ fn sum_gyr(gyr: [&[f64]; 6], frame: &[Matrix3<f64>; 2]) -> [f64; 15] {
 /// The same source with wider registers; no fused operations, so the same bits.
 #[cfg(all(feature = "std", target_arch = "x86_64"))]
 #[target_feature(enable = "avx2")]
-fn sum_gyr_avx2(gyr: [&[f64]; 6], frame: &[Matrix3<f64>; 2]) -> [f64; 15] {
+fn sum_gyr_avx2(gyr: [&[f64]; 6], frame: &[Matrix3<f64>; 2]) -> [f64; 16] {
     sum_gyr_chunks(gyr, frame)
 }
 
@@ -306,8 +445,8 @@ const LANES: usize = 4;
 type Chunk = [f64; CHUNK];
 
 #[inline(always)]
-fn sum_gyr_chunks(gyr: [&[f64]; 6], frame: &[Matrix3<f64>; 2]) -> [f64; 15] {
-    let mut sums = [[0.0; LANES]; 15];
+fn sum_gyr_chunks(gyr: [&[f64]; 6], frame: &[Matrix3<f64>; 2]) -> [f64; 16] {
+    let mut sums = [[0.0; LANES]; 16];
     let count = gyr[0].len();
     let mut start = 0;
     while start < count {
@@ -327,7 +466,7 @@ fn sum_gyr_chunks(gyr: [&[f64]; 6], frame: &[Matrix3<f64>; 2]) -> [f64; 15] {
 }
 
 #[inline(always)]
-fn add_chunk(sums: &mut [[f64; LANES]; 15], gyr: [&Chunk; 6], frame: &[Matrix3<f64>; 2]) {
+fn add_chunk(sums: &mut [[f64; LANES]; 16], gyr: [&Chunk; 6], frame: &[Matrix3<f64>; 2]) {
     let (mut e, mut other) = ([0.0; CHUNK], [0.0; CHUNK]);
     let mut d = [[0.0; CHUNK]; 4];
     let [d1, d2, d3, d4] = &mut d;
@@ -337,6 +476,7 @@ fn add_chunk(sums: &mut [[f64; LANES]; 15], gyr: [&Chunk; 6], frame: &[Matrix3<f
         *e -= other;
     }
     add_products(&mut sums[0], &e, &e);
+    add_products(&mut sums[15], &e, &[1.0; CHUNK]);
     let mut next = 5;
     for a in 0..4 {
         add_products(&mut sums[1 + a], &d[a], &e);

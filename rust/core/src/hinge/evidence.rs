@@ -2,20 +2,22 @@
 
 use nalgebra::{ComplexField, Matrix2, Matrix4, Matrix6, RealField, SymmetricEigen, Vector4};
 
-use super::cost::{AxisPair, HingeCost, Tangent, gyr_residual, stack};
+use super::cost::{AxisPair, HingeCost, Piece, Tangent};
 
-/// Numbers that say how far to trust an estimate.
+/// Numbers that say how far to trust an estimate. Covariances are of the stacked axes `[j1; j2]` in sensor coordinates,
+/// singular along each axis; infinite where the data do not determine the axes or are too few to tell.
 #[derive(Clone, Debug)]
 pub struct Evidence {
-    /// Covariance of the stacked axes `[j1; j2]` in sensor coordinates, rad²; singular along each axis. Not finite where the
-    /// data do not determine the axes or are too few to tell.
+    /// From the scatter of the scores over pieces of time (sandwich), rad².
     pub covariance: Matrix6<f64>,
-    /// The paper's covariance (eq. 57), which takes residuals as independent.
+    /// The paper's covariance (eq. 57), which takes residuals as independent, rad².
     pub published_covariance: Matrix6<f64>,
     /// Sample standard deviation of the gyroscope residual (eq. 58, unweighted), rad/s.
     pub gyr_residual_std: f64,
     /// Sample standard deviation of the accelerometer residual (eq. 58, unweighted), m/s².
     pub acc_residual_std: f64,
+    /// See [`HingeCost::unexplained`].
+    pub unexplained: f64,
     /// Pieces of time that the covariance was estimated from.
     pub pieces: usize,
 }
@@ -30,23 +32,35 @@ impl Evidence {
             None => Matrix6::from_diagonal_element(f64::INFINITY),
         };
         let (gyr, acc) = (cost.gyr_normal_equations(axes, &tangent), cost.acc_normal_equations(axes, &tangent));
-        let gyr_sum: f64 = cost.gyr_samples().map(|(g1, g2)| gyr_residual(&g1, &g2, axes, &tangent).0).sum();
-        let acc_sum = stack(axes).dot(cost.acc_sum());
-        let gyr_residual_std = sample_std(2.0 * gyr.half_cost, gyr_sum, cost.gyr_count());
-        let acc_residual_std = sample_std(2.0 * acc.half_cost, acc_sum, cost.acc_count());
-        let scores = cost.scores(axes, &tangent);
+        let gyr_residual_std = sample_std(2.0 * gyr.half_cost, gyr.sum, cost.gyr_count());
+        let acc_residual_std = sample_std(cost.acc_squares(axes), acc.sum, cost.acc_count());
         let scaled = |hessian: Matrix4<f64>, std: f64| if std > 0.0 { hessian / (std * std) } else { Matrix4::zeros() };
+        let pieces = cost.pieces(axes, &tangent);
+        let bread = inverse(cost.weighted(&gyr, &acc).hessian);
         Self {
-            covariance: to_sensor(sandwich(&cost.weighted(&gyr, &acc).hessian, &scores)),
+            covariance: to_sensor(bread.and_then(|bread| sandwich(&bread, &pieces))),
             // (J_sᵀ J_s)⁻¹ with each kind of residual scaled by its own standard deviation (eq. 57).
             published_covariance: to_sensor(inverse(
                 scaled(gyr.hessian, gyr_residual_std) + scaled(acc.hessian, acc_residual_std),
             )),
             gyr_residual_std,
             acc_residual_std,
-            pieces: scores.len(),
+            unexplained: cost.unexplained(axes),
+            pieces: pieces.len(),
         }
     }
+}
+
+/// What constant offsets do to the axes, in the coordinates of [`Evidence`]: of every gyroscope channel, rad² per (rad/s)² of
+/// its variance, and between the accelerations along the axis, rad² per (m/s²)².
+pub fn offset_covariances(axes: &AxisPair, cost: &HingeCost) -> (Matrix6<f64>, Matrix6<f64>) {
+    let tangent = axes.tangent();
+    let Some(bread) = inverse(cost.normal_equations(axes, &tangent).hessian) else {
+        return (Matrix6::from_diagonal_element(f64::INFINITY), Matrix6::from_diagonal_element(f64::INFINITY));
+    };
+    let (gyr, acc) = cost.offset_sensitivity(axes, &tangent);
+    let (gyr, acc) = (tangent.stacked() * bread * gyr, tangent.stacked() * bread * acc);
+    (gyr * gyr.transpose(), acc * acc.transpose())
 }
 
 /// Sample standard deviation (eq. 58) from sums.
@@ -58,17 +72,21 @@ fn sample_std(sum_of_squares: f64, sum: f64, count: usize) -> f64 {
     ComplexField::sqrt(((sum_of_squares - sum * sum / n) / (n - 1.0)).max(0.0))
 }
 
-/// `H⁻¹ (Σ s sᵀ) H⁻¹` over the scores s of pieces of time: holds under residuals that are correlated within a piece and of any
-/// distribution. Few pieces widen it (factor `B/(B−4)`), five are the least.
-fn sandwich(hessian: &Matrix4<f64>, scores: &[Vector4<f64>]) -> Option<Matrix4<f64>> {
-    let pieces = scores.len();
-    let bread = inverse(*hessian).filter(|_| pieces > 4)?;
-    let meat: Matrix4<f64> = scores.iter().map(|s| s * s.transpose()).sum();
-    Some(bread * meat * bread * (pieces as f64 / (pieces as f64 - 4.0)))
+/// `H⁻¹ (Σ s sᵀ) H⁻¹` over the scores s of pieces of time, and of pairs of pieces; the larger. Holds under residuals that are
+/// correlated within a piece and of any distribution. Few pieces widen it (factor `B/(B−4)`), five are the least.
+fn sandwich(bread: &Matrix4<f64>, pieces: &[Piece]) -> Option<Matrix4<f64>> {
+    let of_length = |length: f64| {
+        let group = |piece: &Piece| ComplexField::floor(piece.number / length);
+        let scores = pieces.chunk_by(|a, b| group(a) == group(b)).map(|g| g.iter().map(|p| p.score).sum::<Vector4<f64>>());
+        let (meat, count) = scores.fold((Matrix4::zeros(), 0.0), |(meat, n), s| (meat + s * s.transpose(), n + 1.0));
+        (count > 4.0).then(|| bread * meat * bread * (count / (count - 4.0)))
+    };
+    let (single, double) = (of_length(1.0)?, of_length(2.0));
+    Some(double.filter(|d| d.trace() > single.trace()).unwrap_or(single))
 }
 
 /// Inverse of a matrix that is positive definite to working precision.
-fn inverse(m: Matrix4<f64>) -> Option<Matrix4<f64>> {
+pub(super) fn inverse(m: Matrix4<f64>) -> Option<Matrix4<f64>> {
     let scale = m.trace();
     let factor = m.cholesky()?;
     factor.l_dirty().diagonal().iter().all(|d| d * d > 1e-13 * scale).then(|| factor.inverse())

@@ -9,10 +9,13 @@
 pub mod cost;
 pub mod evidence;
 pub mod prune;
+pub mod record;
 pub mod scores;
 pub mod select;
+pub mod sign;
 pub mod solve;
+pub mod stream;
 
-pub use cost::{AxisPair, HingeCost};
+pub use cost::{AxisPair, HingeCost, Weights};
 pub use evidence::Evidence;
 pub use solve::{Minimum, Solution, SolveOptions, Status, deterministic_starts, solve};

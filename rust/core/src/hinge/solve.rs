@@ -2,6 +2,7 @@
 //! and all distinct minima.
 
 use alloc::vec::Vec;
+use core::cell::Cell;
 use nalgebra::{Matrix3, Matrix4, SymmetricEigen, Vector3, Vector4};
 
 use super::cost::{AxisPair, HingeCost, NormalEquations};
@@ -39,7 +40,7 @@ pub struct SolveOptions {
 
 impl Default for SolveOptions {
     fn default() -> Self {
-        Self { max_iterations: 100, step_tolerance: 1e-7, coarse_first: true, distinct_angle: 0.01 }
+        Self { max_iterations: 300, step_tolerance: 1e-7, coarse_first: true, distinct_angle: 0.01 }
     }
 }
 
@@ -76,11 +77,19 @@ impl Solution {
 /// minima. `go_on` is asked before each iteration; where it says no, what was found so far comes back with the status
 /// [`Status::Interrupted`].
 pub fn solve(cost: &HingeCost, starts: &[AxisPair], options: &SolveOptions, go_on: &mut dyn FnMut() -> bool) -> Solution {
+    if !cost.is_finite() {
+        let axes = AxisPair::new(Vector3::x(), Vector3::x());
+        let overflow = Minimum { axes, cost: f64::INFINITY, status: Status::NumericalError, iterations: 0 };
+        return Solution { minima: alloc::vec![overflow], iterations: 0 };
+    }
     let few = COARSE_SAMPLES.max(cost.gyr_count() / COARSE_SHARE);
     if !options.coarse_first || cost.gyr_count() < 2 * few {
         return descend_all(cost, starts, options, go_on);
     }
     let coarse = descend_all(&cost.thinned(few), starts, options, go_on);
+    if coarse.best().status == Status::Interrupted {
+        return coarse;
+    }
     let starts: Vec<AxisPair> = coarse.minima.iter().map(|m| m.axes).collect();
     let mut found = descend_all(cost, &starts, options, go_on);
     found.iterations += coarse.iterations;
@@ -88,20 +97,36 @@ pub fn solve(cost: &HingeCost, starts: &[AxisPair], options: &SolveOptions, go_o
 }
 
 /// The coarse walk sees at least this many gyroscope samples...
-const COARSE_SAMPLES: usize = 256;
+const COARSE_SAMPLES: usize = 2048;
 /// ...and at least one in so many, so that a rare movement in a long recording still shapes its valleys.
-const COARSE_SHARE: usize = 32;
+const COARSE_SHARE: usize = 8;
 
 fn descend_all(cost: &HingeCost, starts: &[AxisPair], options: &SolveOptions, go_on: &mut dyn FnMut() -> bool) -> Solution {
     let mut found = Solution { minima: Vec::new(), iterations: 0 };
+    // A "no" stands, whatever is answered later.
+    let stopped = Cell::new(false);
+    let mut go_on = || {
+        stopped.set(stopped.get() || !go_on());
+        !stopped.get()
+    };
     let first = [AxisPair::new(Vector3::x(), Vector3::x())];
     for start in if starts.is_empty() { &first } else { starts } {
-        let end = descend_unless_known(cost, *start, options, &mut found, go_on);
-        descend_unless_known(cost, end.other_sign_pair(), options, &mut found, go_on);
-        if found.minima.iter().any(|m| m.status == Status::Interrupted) {
+        let end = descend_unless_known(cost, *start, options, &mut found, &mut go_on);
+        descend_unless_known(cost, end.other_sign_pair(), options, &mut found, &mut go_on);
+        if stopped.get() {
             found.minima.iter_mut().for_each(|m| m.status = Status::Interrupted);
             break;
         }
+    }
+    found.minima.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    found
+}
+
+/// Descends from every start on all samples, without the opposite pairings: follows valleys that are known already.
+pub fn refine(cost: &HingeCost, starts: &[AxisPair], options: &SolveOptions) -> Solution {
+    let mut found = Solution { minima: Vec::new(), iterations: 0 };
+    for start in starts {
+        descend_unless_known(cost, *start, options, &mut found, &mut || true);
     }
     found.minima.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     found
@@ -207,6 +232,9 @@ pub fn same_axes(a: &AxisPair, b: &AxisPair, angle: f64) -> bool {
 /// Four starts that need no luck: the two weakest directions of the accelerometers' Gram matrix, the principal axes of the
 /// two gyroscopes, and those over the samples where the one or the other sensor turns faster.
 pub fn deterministic_starts(cost: &HingeCost) -> [AxisPair; 4] {
+    if !cost.is_finite() {
+        return [AxisPair::new(Vector3::x(), Vector3::x()); 4];
+    }
     let gram = SymmetricEigen::new(*cost.acc_gram());
     let mut order = [0, 1, 2, 3, 4, 5];
     order.sort_by(|&a: &usize, &b| gram.eigenvalues[a].total_cmp(&gram.eigenvalues[b]));
@@ -216,7 +244,8 @@ pub fn deterministic_starts(cost: &HingeCost) -> [AxisPair; 4] {
     };
     let mut whole = [Matrix3::zeros(); 2];
     let mut faster = [Matrix3::zeros(); 2];
-    for (gyr1, gyr2) in cost.gyr_samples() {
+    // Directions need no more samples than the coarse walk.
+    for (gyr1, gyr2) in cost.gyr_samples().step_by((cost.gyr_count() / COARSE_SAMPLES).max(1)) {
         let (outer1, outer2) = (gyr1 * gyr1.transpose(), gyr2 * gyr2.transpose());
         whole[0] += outer1;
         whole[1] += outer2;

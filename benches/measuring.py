@@ -1,0 +1,124 @@
+"""What all benches share: a release build, recordings, peers, fair timing, tables."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import io
+import os
+import platform
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import imufast
+import numpy as np
+from imufast import _core
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def refuse_debug_build() -> None:
+    """A debug build must never be timed by mistake."""
+    if _core.build_profile != "release":
+        raise SystemExit(f"imufast._core is a {_core.build_profile} build; benches need a release build: make bench")
+
+
+def data_folder() -> Path:
+    """The folder of real recordings: IMUFAST_DATA, else ../shared/data beside the project."""
+    folder = Path(os.environ.get("IMUFAST_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
+    if not folder.is_dir():
+        raise SystemExit(f"real recordings are missing: no folder {folder} (set IMUFAST_DATA)")
+    return folder
+
+
+def setting() -> str:
+    """Where the numbers come from, in one line."""
+    cpu = platform.processor() or platform.machine()
+    if Path("/proc/cpuinfo").exists():
+        names = [line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")]
+        cpu = names[0].partition(":")[2].strip() if names else cpu
+    return f"{cpu}, one core; Python {platform.python_version()}, numpy {np.__version__}; compare ratios, not times"
+
+
+def one_core() -> None:
+    """Everybody gets the same one core and one thread. Numpy asks for threads when it is loaded, so the script starts anew."""
+    one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    if any(os.environ.get(name) != value for name, value in one_thread.items()):
+        os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | one_thread)  # noqa: S606
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+
+
+QmtHinge = Callable[[Array, Array, Array, Array], tuple[Array, Array]]
+
+
+@functools.cache
+def qmt_hinge() -> QmtHinge | None:
+    """qmt's `jointAxisEstHingeOlsson` with its default settings, or None, said plainly, where qmt is missing."""
+    try:
+        import qmt
+    except ImportError as error:
+        print(f"The peer qmt is missing ({error}): its columns stay empty. pip install 'imufast[bench]'", file=sys.stderr)
+        return None
+
+    def hinge(gyr1: Array, acc1: Array, gyr2: Array, acc2: Array) -> tuple[Array, Array]:
+        with contextlib.redirect_stdout(io.StringIO()):  # it prints every step
+            axis1, axis2 = qmt.jointAxisEstHingeOlsson(acc1, acc2, gyr1, gyr2)
+        return np.ravel(axis1), np.ravel(axis2)
+
+    return hinge
+
+
+def imus(rate_hz: float, gyr1: Array, acc1: Array, gyr2: Array, acc2: Array) -> tuple[imufast.Imu, imufast.Imu]:
+    """Both sensors, checked for plausibility, which costs time too."""
+    return imufast.Imu(gyr1, acc1, rate_hz=rate_hz, name="1"), imufast.Imu(gyr2, acc2, rate_hz=rate_hz, name="2")
+
+
+def seconds(call: Callable[[], object], least_s: float = 0.01) -> float:
+    """Wall time of one call, s: the mean over as many as fill `least_s`."""
+    runs, spent = 0, 0.0
+    started = time.perf_counter()
+    while runs == 0 or spent < least_s:
+        call()
+        runs += 1
+        spent = time.perf_counter() - started
+    return spent / runs
+
+
+def interleaved(calls: Sequence[Callable[[], object]], rounds: int) -> list[list[float]]:
+    """Times of each call, s, taken in turns, so that what disturbs the machine disturbs all alike; a round a row."""
+    for call in calls:
+        call()
+    return [[seconds(call) for call in calls] for _ in range(rounds)]
+
+
+def pair_error_deg(axis1: Array, axis2: Array, truth1: Array, truth2: Array) -> float:
+    """The worse of both axes' errors, degrees; the sign of the pair as a whole is free, not that of one alone."""
+
+    def angle(a: Array, b: Array) -> float:
+        return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
+
+    for axis in (axis1, axis2):
+        if axis.shape != (3,) or not abs(np.linalg.norm(axis) - 1.0) < 1e-6:
+            raise SystemExit(f"not a unit vector: {axis}")
+    return min(max(angle(sign * axis1, truth1), angle(sign * axis2, truth2)) for sign in (1.0, -1.0))
+
+
+def table(headings: Sequence[str], rows: Sequence[Sequence[Any]], *, markdown: bool) -> str:
+    """A table as text; the first column is words, None is a dash."""
+    cells = [list(headings)] + [["–" if cell is None else str(cell) for cell in row] for row in rows]
+    widths = [max(len(row[i]) for row in cells) for i in range(len(headings))]
+    lines = [
+        "  ".join(
+            cell.ljust(width) if i == 0 else cell.rjust(width) for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in cells
+    ]
+    if not markdown:
+        return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]])
+    piped = ["| " + " | ".join(row) + " |" for row in cells]
+    return "\n".join([piped[0], "|" + "|".join([" --- "] + [" ---: "] * (len(headings) - 1)) + "|", *piped[1:]])

@@ -1,0 +1,202 @@
+"""Commands and options; what they print is in `show`.
+
+Exit codes: 0 done, 2 wrong input (one line on stderr says which), 3 not enough information in the recording.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TextIO, TypeVar
+
+import click
+
+from imufast.axis import SolveStatus, estimate_hinge_axis
+from imufast.cli import show
+from imufast.errors import ImufastError, ImufastWarning, InputError
+from imufast.imu import Imu, Recording
+from imufast.io import format_names, read
+from imufast.simulate import random_biases, simulate_hinge
+from imufast.sync import TimeOffset, time_offset
+
+__all__ = ["app"]
+
+WRONG_INPUT, NOT_ENOUGH_INFORMATION = 2, 3
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+@contextmanager
+def _guard() -> Iterator[None]:
+    """Warnings of imufast become lines; its errors one line and exit code 2."""
+    with warnings.catch_warnings():
+        usual = warnings.showwarning
+
+        def say(
+            message: Warning | str,
+            category: type[Warning],
+            filename: str,
+            lineno: int,
+            file: TextIO | None = None,
+            line: str | None = None,
+        ) -> None:
+            if issubclass(category, ImufastWarning):
+                show.warning(str(message))
+            else:
+                usual(message, category, filename, lineno, file, line)
+
+        warnings.showwarning = say
+        warnings.simplefilter("always", ImufastWarning)
+        try:
+            yield
+        except ImufastError as error:
+            show.error(str(error))
+            raise SystemExit(WRONG_INPUT) from None
+
+
+def _reading_options(command: Command) -> Command:
+    """The options that say how files are to be read."""
+    for option in (
+        click.option(
+            "--columns",
+            multiple=True,
+            metavar="KEY=A,B,C",
+            help="Columns of a csv file: gyr=GX,GY,GZ, acc=AX,AY,AZ and time_s=T (or time_ms, time_us), one --columns each; "
+            "with several sensors thigh.gyr=... and so on. Or all of it as one JSON object.",
+        ),
+        click.option("--units", help="Units to convert from, such as 'deg/s, g'. Default: as the file states, else SI."),
+        click.option("--format", "format_name", type=click.Choice(format_names()), help="Default: recognised by content."),
+        click.option("--rate", "rate_hz", type=float, metavar="HZ", help="Samples per second, where the file does not say."),
+    ):
+        command = option(command)
+    return command
+
+
+def _parse_columns(given: Sequence[str]) -> dict[str, Any] | None:
+    """The mapping that `read(columns=...)` takes, from JSON or key=a,b,c."""
+    columns: dict[str, Any] = {}
+    for text in given:
+        if text.lstrip().startswith("{"):
+            try:
+                part = json.loads(text)
+            except (ValueError, RecursionError) as error:
+                raise InputError(f"--columns is not valid JSON ({error}): {text!r}") from None
+            columns.update(part)
+            continue
+        key, equals, value = text.partition("=")
+        names = [name.strip() for name in value.split(",")]
+        if not equals or not key.strip() or not all(names):
+            raise InputError(f"--columns must look like gyr=GX,GY,GZ, got {text!r}")
+        *sensor, key = key.strip().rsplit(".", 1)
+        place = columns.setdefault(sensor[0], {}) if sensor else columns
+        place[key] = names if key in ("gyr", "acc") else ",".join(names)
+    return columns or None
+
+
+def _read(
+    files: Sequence[Path], rate_hz: float | None, format_name: str | None, units: str | None, columns: Sequence[str]
+) -> Recording:
+    chosen = _parse_columns(columns)
+    with show.waiting(f"Reading {len(files)} file{'s' * (len(files) > 1)}", files):
+        return read(list(files), format=format_name, rate_hz=rate_hz, columns=chosen, units=units)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="imufast", prog_name="imufast", message="%(prog)s %(version)s")
+def app() -> None:
+    """Raw recordings of body-worn inertial sensors in; trusted joint calibration out."""
+
+
+@app.command()
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
+@_reading_options
+def info(files: tuple[Path, ...], **reading: Any) -> None:
+    """What is in FILES: sensors, samples, rate, losses, warnings; the time offset if there are two sensors.
+
+    Files of one recording are joined; files that cannot be are shown one by one, with the reason.
+    """
+    with _guard():
+        try:
+            recordings = [_read(files, **reading)]
+        except InputError as reason:
+            if len(files) == 1:
+                raise
+            recordings = [_read([file], **reading) for file in files]
+            show.warning(f"shown one by one, for they cannot be joined: {reason}")
+        for recording in recordings:
+            show.recording(recording)
+            if len(recording) == 2:
+                show.offset(_offset(*recording.values()), *recording)
+
+
+@app.command()
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--sensors", nargs=2, metavar="NAME1 NAME2", help="The two sensors of the joint, where FILES hold more.")
+@click.option(
+    "--lowpass",
+    "lowpass_hz",
+    type=float,
+    metavar="HZ",
+    help="Low-pass all signals first; 4 Hz on people, whose straps wobble. Default: raw signals.",
+)
+@_reading_options
+def calibrate(files: tuple[Path, ...], sensors: tuple[str, str] | None, lowpass_hz: float | None, **reading: Any) -> None:
+    """The hinge axis of a joint in the frames of its two sensors: FILE1 FILE2, or one file that holds both."""
+    with _guard():
+        imu1, imu2 = _choose(_read(files, **reading), sensors)
+        show.warn_of_offset(_offset(imu1, imu2), imu1.name, imu2.name)
+        with show.waiting("Estimating the axis", files):
+            axis = estimate_hinge_axis(imu1, imu2, lowpass_hz=lowpass_hz)
+        show.axis(axis, imu1, imu2)
+        if axis.status is SolveStatus.NUMERICAL_ERROR:
+            raise InputError("the numbers overflow: are they in the unit that is stated? See --units")
+    if axis.status is SolveStatus.NOT_IDENTIFIABLE:
+        raise SystemExit(NOT_ENOUGH_INFORMATION)
+
+
+@app.command()
+def demo() -> None:
+    """From raw data to the hinge axis on a simulated recording, beside its truth. Reads and writes no file."""
+    with _guard():
+        # What the gyroscopes and accelerometers of a good sensor show: half a degree a second, a fiftieth of gravity.
+        biases = random_biases(seed=1, gyr_rad_s=math.radians(0.5), acc_m_s2=0.2)
+        simulation = simulate_hinge(duration_s=60.0, rate_hz=100.0, seed=1, **biases)
+        show.demo_intro(simulation)
+        show.recording(simulation.recording)
+        show.offset(_offset(simulation.imu1, simulation.imu2), *simulation.recording)
+        started = time.perf_counter()
+        axis = estimate_hinge_axis(simulation.imu1, simulation.imu2)
+        took_s = time.perf_counter() - started
+        show.axis(axis, simulation.imu1, simulation.imu2)
+        show.beside_truth(axis, simulation, took_s)
+
+
+def _choose(recording: Recording, names: tuple[str, str] | None) -> tuple[Imu, Imu]:
+    """The two sensors meant."""
+    present = ", ".join(recording)
+    if names:
+        for name in names:
+            if name not in recording:
+                raise InputError(f"--sensors: there is no {name!r}; there are {present}")
+        if names[0] == names[1]:
+            raise InputError(f"--sensors: name two different sensors of {present}")
+        return recording.pair(*names)
+    if len(recording) != 2:
+        raise InputError(
+            f"a joint has two sensors, but there {'is' if len(recording) == 1 else 'are'} {len(recording)}: {present}; "
+            + ("give the other one's file too" if len(recording) == 1 else "choose with --sensors NAME1 NAME2")
+        )
+    return recording.pair()
+
+
+def _offset(imu1: Imu, imu2: Imu) -> TimeOffset | None:
+    """The time offset, or None where the recording is not even fit to be asked."""
+    try:
+        return time_offset(imu1, imu2)
+    except InputError:
+        return None

@@ -1,0 +1,67 @@
+"""The documents: their Python runs, their links lead somewhere, and their numbers name the script that printed them."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import imufast
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[1]
+DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+IDS = [path.name for path in DOCUMENTS]
+
+
+def write_recordings(folder: Path) -> None:
+    s = imufast.simulate_hinge("mixed", duration_s=40, rate_hz=100)
+    for name, imu in (("thigh", s.imu1), ("shank", s.imu2)):
+        header = "time_s,gyr_x,gyr_y,gyr_z,acc_x,acc_y,acc_z"
+        rows = np.column_stack([imu.time_s, imu.gyr, imu.acc])
+        np.savetxt(folder / f"{name}.csv", rows, delimiter=",", header=header, comments="", fmt="%.9g")
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=IDS)
+def test_python_in_documents_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_recordings(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    text = path.read_text(encoding="utf-8")
+    for block in re.finditer(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE):
+        line = text[: block.start()].count("\n") + 1
+        exec(compile("\n" * line + block[1], str(path), "exec"), names)  # noqa: S102
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=IDS)
+def test_links_lead_somewhere(path: Path) -> None:
+    for target in re.findall(r"\]\(([^)#]+)\)", path.read_text(encoding="utf-8")):
+        assert (path.parent / target).exists(), target
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=IDS)
+def test_named_scripts_and_make_targets_exist(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    for script in re.findall(r"`((?:benches|scripts|tests)/[\w/]+\.py)", text):
+        assert (ROOT / script).is_file(), script
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    for target in re.findall(r"`make ([\w-]+)`", text):
+        assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
+
+
+def test_the_commands_in_readme_exist() -> None:
+    app = pytest.importorskip("imufast.cli.app").app
+    commands = set(re.findall(r"^imufast (\w+)", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE))
+    assert commands
+    assert commands <= set(app.commands)
+
+
+def test_settings_in_the_documents_have_their_true_defaults() -> None:
+    rows = dict(
+        re.findall(r"^\| `(\w+)` \| (.+?) \|", (ROOT / "docs" / "hinge-axis.md").read_text(encoding="utf-8"), re.MULTILINE)
+    )
+    settings = imufast.HingeSettings()
+    assert rows
+    for name, stated in rows.items():
+        value = getattr(settings, name)
+        assert stated == ("none" if value is None else f'`"{value}"`' if isinstance(value, str) else f"{value:g}")
