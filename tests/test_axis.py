@@ -1,4 +1,4 @@
-"""Algorithm 1 on simulated recordings: truth, laws, an independent oracle, honest uncertainty, refusals."""
+"""Algorithm 1 on simulated recordings: truth, an independent oracle, starts, laws, the low-pass."""
 
 from __future__ import annotations
 
@@ -12,29 +12,15 @@ import pytest
 from imufast import HingeAxis, HingeSimulation, Imu, SoftTissue, SolveStatus, _core, estimate_hinge_axis, simulate_hinge
 from numpy.typing import NDArray
 from reference import hinge_axis as reference
+from reference.compare import INFORMATIVE, angle_deg, error_deg, estimate
 
 Array = NDArray[np.float64]
 
 # Fast simulated motion and dead sensors look odd to an Imu, which says so; that is tested elsewhere.
 pytestmark = pytest.mark.filterwarnings("ignore::imufast.ImufastWarning")
 
-# Motions of section 7.1 that excite the joint; 1, 2, 8, 9 (at rest, stiff) hold nothing about the axis.
-INFORMATIVE = (3, 4, 5, 6, 7, 10, 11, 12, 13, 14)
 # Only accelerations along the axis tell the two sign pairings apart. Where a horizontal axis rests (3, 10) there are none.
 SIGN_IS_TOLD = (4, 5, 6, 7, 11, 12, 13)
-
-
-def angle_deg(a: Array, b: Array) -> float:
-    """Angle between two axes, their sign free; exact near 0."""
-    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), abs(a @ b))))
-
-
-def error_deg(axis: HingeAxis, truth: HingeSimulation) -> Array:
-    return np.array([angle_deg(axis.axis1, truth.axis1), angle_deg(axis.axis2, truth.axis2)])
-
-
-def estimate(simulation: HingeSimulation, **settings: Any) -> HingeAxis:
-    return estimate_hinge_axis(simulation.imu1, simulation.imu2, **settings)
 
 
 def paired(axis: HingeAxis, truth: HingeSimulation) -> bool:
@@ -91,7 +77,7 @@ def test_the_sign_pair_is_right_where_accelerations_tell_it(motion: int) -> None
 
 @pytest.mark.xfail(
     strict=True,
-    reason="limit: in fast free motion the sensors' own rotation, which eq. 18 leaves out, drowns what tells the sign (costs "
+    reason="limit of the published method: in fast free motion the sensors' own rotation, which eq. 18 leaves out, drowns what tells the sign (costs "
     "of the two pairings within 5 to 50 %); 2 of the first 4 seeds are paired wrongly and nothing in the result says so",
 )
 def test_the_sign_pair_is_right_in_fast_free_motion() -> None:
@@ -182,6 +168,7 @@ SIMULATIONS: dict[str, Callable[[], HingeSimulation]] = {
         f"scenario {k}": lambda k=k: simulate_hinge(scenario=k, duration_s=20, seed=1)  # type: ignore[misc]
         for k in (1, 2, 3, 4)
     },
+    "sit_to_stand, soft tissue": lambda: simulate_hinge("sit_to_stand", duration_s=20, seed=1, soft_tissue=SoftTissue()),
     "walking, soft tissue": lambda: simulate_hinge("walking", duration_s=20, seed=1, soft_tissue=SoftTissue()),
     "scenario 1, soft tissue": lambda: simulate_hinge(scenario=1, duration_s=20, seed=1, soft_tissue=SoftTissue()),
     "mixed, biases": lambda: simulate_hinge("mixed", duration_s=20, seed=1, **imufast.random_biases(5)),
@@ -193,14 +180,14 @@ SIMULATIONS: dict[str, Callable[[], HingeSimulation]] = {
 }
 
 
-def no_better_by_luck(simulation: HingeSimulation) -> None:
+def no_better_by_luck(simulation: HingeSimulation, starts: int = 200) -> None:
     # Random starts descend on all samples, each from where it was drawn. Descents end at steps of 1e-7 rad, which on the
     # best data still is a few 1e-9 of the cost; the same axes are as good as the same cost.
     ours = estimate(simulation)
-    lucky = estimate(simulation, starts="random", random_starts=200, seed=1)
+    lucky = estimate(simulation, starts="random", random_starts=starts, seed=1)
     same = max(angle_deg(ours.axis1, lucky.axis1), angle_deg(ours.axis2, lucky.axis2)) < 1e-4
     above = ours.cost / lucky.cost - 1.0
-    assert above < (1e-7 if same else 1e-9), f"{above:.2e} above the best of 200 random starts"
+    assert above < (1e-7 if same else 1e-9), f"{above:.2e} above the best of {starts} random starts"
 
 
 @pytest.mark.parametrize("name", SIMULATIONS)
@@ -208,20 +195,38 @@ def test_200_random_starts_find_nothing_better(name: str) -> None:
     no_better_by_luck(SIMULATIONS[name]())
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="bug: with large residuals Gauss-Newton crawls; 100 iterations end (MAX_ITERATIONS) short of what luck finds",
-)
-def test_200_random_starts_find_nothing_better_in_sitting_down() -> None:
-    no_better_by_luck(simulate_hinge("sit_to_stand", duration_s=20, seed=1, soft_tissue=SoftTissue()))
-
-
-@pytest.mark.xfail(
-    strict=True, reason="bug: the walk on few samples ends in other valleys than all samples have, and no start returns"
-)
 @pytest.mark.parametrize("dof", [2, 3])
 def test_200_random_starts_find_nothing_better_where_a_joint_is_no_hinge(dof: Any) -> None:
     no_better_by_luck(simulate_hinge(scenario=2, duration_s=20, seed=1, dof=dof))
+
+
+@pytest.mark.parametrize(
+    "given", [{"motion": "mixed"}, {"scenario": 2, "dof": 3}, {"scenario": 1, "soft_tissue": SoftTissue()}], ids=str
+)
+def test_random_starts_find_nothing_better_where_the_deterministic_ones_walk_on_few_samples_first(given: Any) -> None:
+    # Above 4096 samples the valleys are found on some of them.
+    simulation = simulate_hinge(**given, duration_s=50, rate_hz=100, seed=1)
+    assert len(simulation.time_s) == 5000
+    no_better_by_luck(simulation, starts=30)
+
+
+def test_a_rare_movement_in_a_long_rest_is_found() -> None:
+    # The walk on few samples must not step over it: 3 s of movement in 10 minutes of rest.
+    worn: dict[str, Any] = {"mount1": [0.8, 0.0, 0.6, 0.0], "mount2": [0.6, 0.8, 0.0, 0.0]}
+    rest = simulate_hinge("stationary", duration_s=600, seed=1, **worn)
+    moving = simulate_hinge("mixed", duration_s=20, seed=4, **worn)
+    imu1, imu2 = (
+        Imu(
+            np.vstack([quiet.gyr[:17000], lively.gyr[400:550], quiet.gyr[17150:]]),
+            np.vstack([quiet.acc[:17000], lively.acc[400:550], quiet.acc[17150:]]),
+            50.0,
+            name=quiet.name,
+        )
+        for quiet, lively in ((rest.imu1, moving.imu1), (rest.imu2, moving.imu2))
+    )
+    axis = estimate_hinge_axis(imu1, imu2)
+    assert axis.n_gyr == 30_000
+    assert error_deg(axis, moving).max() < 1.0
 
 
 def test_nearly_the_same_start_gives_the_same_axis(mixed: HingeSimulation, mixed_axis: HingeAxis) -> None:
@@ -282,139 +287,6 @@ def test_the_order_and_the_offset_of_time_do_not_move_the_axes(mixed: HingeSimul
     np.testing.assert_allclose(estimate_hinge_axis(imu1, imu2).axis1, mixed_axis.axis1, atol=1e-6)
 
 
-def test_flipped_twice_is_the_same_and_once_the_opposite(mixed_axis: HingeAxis) -> None:
-    once = mixed_axis.flipped()
-    np.testing.assert_array_equal(once.axis1, -mixed_axis.axis1)
-    np.testing.assert_array_equal(once.axis2, -mixed_axis.axis2)
-    np.testing.assert_array_equal(once.covariance, mixed_axis.covariance)
-    np.testing.assert_array_equal(once.flipped().axis1, mixed_axis.axis1)
-    assert (once.cost, once.status) == (mixed_axis.cost, mixed_axis.status)
-
-
-@pytest.mark.parametrize("name", ["towards1", "towards2"])
-def test_oriented_points_to_a_direction(mixed_axis: HingeAxis, name: str) -> None:
-    own = mixed_axis.axis1 if name == "towards1" else mixed_axis.axis2
-    for direction in (own, -own, 100.0 * own + np.cross(own, [0.2, 0.5, 0.9]), np.eye(3)[0], [0, -1, 0]):
-        chosen_by: dict[str, Any] = {name: direction}
-        oriented = mixed_axis.oriented(**chosen_by)
-        same = oriented.axis1 if name == "towards1" else oriented.axis2
-        assert same @ np.asarray(direction, float) > 0.0
-        # Both axes turn together, and turning before changes nothing.
-        assert oriented.axis1 @ mixed_axis.axis1 == pytest.approx(oriented.axis2 @ mixed_axis.axis2)
-        np.testing.assert_array_equal(mixed_axis.flipped().oriented(**chosen_by).axis1, oriented.axis1)
-
-
-def test_oriented_by_flexion_lets_the_joint_angle_grow() -> None:
-    simulation = simulate_hinge("sit_to_stand", duration_s=20, seed=3)
-    axis = estimate(simulation)
-    low, high = int(simulation.angle_rad[:500].argmin()), int(simulation.angle_rad[:500].argmax())
-    start, stop = min(low, high), max(low, high)
-    flexing = (simulation.imu1[start:stop], simulation.imu2[start:stop])
-    oriented = axis.oriented(flexing=flexing)
-    np.testing.assert_array_equal(axis.flipped().oriented(flexing=flexing).axis1, oriented.axis1)
-    # The truth's own axis has flexion positive; here the angle falls or grows over the cut.
-    assert float(oriented.axis1 @ simulation.axis1) * (1.0 if high > low else -1.0) > 0.99
-
-
-# Uncertainty
-
-
-def test_covariance_is_symmetric_positive_and_singular_along_the_axes(mixed_axis: HingeAxis) -> None:
-    p, size = mixed_axis.covariance, np.trace(mixed_axis.covariance)
-    assert p.shape == (6, 6)
-    np.testing.assert_allclose(p, p.T, atol=1e-12 * size)
-    eigenvalues = np.linalg.eigvalsh(p)
-    assert eigenvalues[0] > -1e-12 * size
-    assert eigenvalues[2] > 1e-6 * size, "four directions are uncertain, two are not"
-    np.testing.assert_allclose(p[:3, :3] @ mixed_axis.axis1, 0.0, atol=1e-12 * size)
-    np.testing.assert_allclose(p[3:, 3:] @ mixed_axis.axis2, 0.0, atol=1e-12 * size)
-    np.testing.assert_allclose(p @ np.concatenate([mixed_axis.axis1, np.zeros(3)]), 0.0, atol=1e-12 * size)
-
-
-def coverage(motion: int | str, duration_s: float, runs: int, published: bool = False) -> Array:
-    """Share of simulations in which the truth lies within the bound, (2,)."""
-    held = []
-    for seed in range(runs):
-        simulation = simulate_hinge(motion, duration_s=duration_s, seed=seed)
-        axis = estimate(simulation)
-        held.append(error_deg(axis, simulation) <= (axis.published_bound_deg if published else axis.bound95_deg))
-    return np.asarray(np.mean(held, axis=0))
-
-
-def test_the_bound_holds_the_truth() -> None:
-    # Measured over 100 seeds of 10 s, axis 1 and axis 2: mixed 0.96 and 0.98, free (7) 0.99 and 0.89,
-    # sit_to_stand 0.93 and 1.00, walking 0.90 and 0.99. The paper's own bound: 0.46 and 0.39 on mixed.
-    assert coverage("mixed", 10.0, 100).min() >= 0.85
-    assert coverage(7, 10.0, 60).min() >= 0.85
-    assert coverage("sit_to_stand", 10.0, 60).min() >= 0.85
-
-
-def test_the_papers_bound_is_too_small_which_is_why_it_is_not_ours() -> None:
-    # Measured over 100 seeds: 0.46 and 0.39. Its covariance takes the residuals of neighbouring samples as independent.
-    assert coverage("mixed", 10.0, 40, published=True).max() < 0.7
-
-
-@pytest.mark.xfail(
-    strict=True,
-    reason="limit: where the axis keeps its direction the norm of noise biases the estimate (0.03 deg), which no covariance "
-    "of residuals sees; measured coverage 0.51 (motion 6), 0.55 (motion 3), 0.52 (walking, 30 s)",
-)
-@pytest.mark.parametrize(("motion", "duration_s"), [(6, 10.0), (3, 10.0), ("walking", 30.0)])
-def test_the_bound_holds_the_truth_also_in_planar_motion(motion: int | str, duration_s: float) -> None:
-    assert coverage(motion, duration_s, 40).min() >= 0.85
-
-
-def test_in_planar_motion_what_the_bound_misses_is_small() -> None:
-    for motion in (3, 6, "walking"):
-        for seed in range(10):
-            simulation = simulate_hinge(motion, duration_s=20, seed=seed)
-            assert error_deg(estimate(simulation), simulation).max() < 0.15
-
-
-def honest(axis: HingeAxis, simulation: HingeSimulation) -> bool:
-    return axis.status is SolveStatus.NOT_IDENTIFIABLE or bool((error_deg(axis, simulation) <= axis.bound95_deg).all())
-
-
-@pytest.mark.xfail(
-    strict=True,
-    reason="bug: a still or stiff joint gives CONVERGED with a bound of 4 to 20 deg around an axis 40 to 90 deg off: noise in "
-    "the Jacobian passes for information. The residual then is as large as the plain difference of the rates' norms",
-)
-@pytest.mark.parametrize("motion", [1, 2, 8, 9, "stationary", "stiff"])
-def test_motion_without_information_is_never_a_confident_wrong_answer(motion: int | str) -> None:
-    simulations = [simulate_hinge(motion, duration_s=20, seed=seed) for seed in range(8)]
-    assert all(honest(estimate(simulation), simulation) for simulation in simulations)
-
-
-def test_what_the_residual_explains_tells_motion_without_information_apart() -> None:
-    # A way to tell: the residual at the estimate against the residual that any axis would leave, ‖ω1‖ - ‖ω2‖.
-    def share(simulation: HingeSimulation) -> float:
-        axis = estimate(simulation)
-        plain = np.linalg.norm(simulation.gyr1, axis=1) - np.linalg.norm(simulation.gyr2, axis=1)
-        return float(axis.gyr_residual_std / np.sqrt(np.mean(plain**2)))
-
-    for motion in (1, 2, 8, 9):
-        assert share(simulate_hinge(motion, duration_s=20, seed=1)) > 0.9
-    for motion in INFORMATIVE:
-        assert share(simulate_hinge(motion, duration_s=20, seed=1)) < 0.02
-
-
-def test_a_few_seconds_have_no_bound() -> None:
-    # Residuals within a second share their causes: fewer than five pieces say nothing about the spread.
-    simulation = simulate_hinge("mixed", duration_s=20, seed=4)
-    few = slice(400, 590)
-    axis = estimate_hinge_axis(simulation.imu1[few], simulation.imu2[few])
-    assert np.isinf(axis.bound95_deg).all()
-    assert not np.isnan(axis.covariance).any()
-    assert np.isfinite(axis.published_bound_deg).all()
-    assert error_deg(axis, simulation).max() < 1.0
-
-
-def test_more_data_narrow_the_bound() -> None:
-    widths = [estimate(simulate_hinge("free", duration_s=d, seed=5)).bound95_deg.max() for d in (10, 40, 160)]
-    assert widths[0] > widths[1] > widths[2]
-
-
 # The low-pass, gaps, strap wobble
 
 
@@ -430,7 +302,7 @@ def test_the_low_pass_turns_from_the_strap_to_the_knee() -> None:
 
 def fit_on(arrays: list[Array], time_s: Array) -> tuple[list[float], list[float], float]:
     gyr1, acc1, gyr2, acc2 = map(np.ascontiguousarray, arrays)
-    fit = _core.hinge_axis(gyr1, acc1, gyr2, acc2, time_s, None, None, 50.0, None, 100)
+    fit = _core.hinge_axis(gyr1, acc1, gyr2, acc2, time_s, None, None, 50.0, None, imufast.HingeSettings().max_iterations)
     return fit.axis1, fit.axis2, fit.cost
 
 
@@ -476,141 +348,3 @@ def test_lost_packets_take_samples_away_and_nothing_else() -> None:
     assert axis.n_gyr == len(simulation.time_s) < 900
     assert error_deg(axis, simulation).max() < 0.1
     assert error_deg(estimate(simulation, lowpass_hz=8.0), simulation).max() < 1.0
-
-
-# Refusals
-
-
-@pytest.fixture(scope="module")
-def pair(mixed: HingeSimulation) -> tuple[Imu, Imu]:
-    return mixed.imu1[:500], mixed.imu2[:500]
-
-
-def chosen(gyr: object, acc: object = None) -> Any:
-    return SimpleNamespace(gyr_index=gyr, acc_index=np.arange(500) if acc is None else acc)
-
-
-def no_selection(anything: Any) -> Any:
-    return anything
-
-
-Pair = tuple[Any, Any]
-ALL = np.arange(500)
-BAD_INPUT: dict[str, tuple[Callable[[Any, Any], object], str]] = {
-    "imu1 a string": (lambda a, b: estimate_hinge_axis("thigh", b), "^imu1 must be an imufast.Imu, got str"),  # type: ignore[arg-type]
-    "imu1 None": (lambda a, b: estimate_hinge_axis(None, b), "^imu1 must be .* NoneType"),  # type: ignore[arg-type]
-    "imu1 an array": (lambda a, b: estimate_hinge_axis(a.gyr, b), "^imu1 must be .* ndarray"),
-    "imu2 a number": (lambda a, b: estimate_hinge_axis(a, 3), "^imu2 must be .* int"),  # type: ignore[arg-type]
-    "imu2 a recording": (lambda a, b: estimate_hinge_axis(a, imufast.Recording({"x": b})), "^imu2 must be .* Recording"),  # type: ignore[arg-type]
-    "imu2 a pair": (lambda a, b: estimate_hinge_axis(a, (a, b)), "^imu2 must be .* tuple"),  # type: ignore[arg-type]
-    "lengths differ": (lambda a, b: estimate_hinge_axis(a, b[:499]), "imu1 has 500 samples but imu2 has 499"),
-    "rates differ": (lambda a, b: estimate_hinge_axis(a, Imu(b.gyr, b.acc, 100.0)), "imu1.*different time bases.*s apart"),
-    "starts differ": (
-        lambda a, b: estimate_hinge_axis(a, Imu(b.gyr, b.acc, time_s=b.time_s + 0.5)),
-        "imu1.*different time bases.*0.5 s apart",
-    ),
-    "one row late": (lambda a, b: estimate_hinge_axis(a[:499], b[1:]), "imu1.*different time bases"),
-    "same imu twice": (lambda a, b: estimate_hinge_axis(a, a), "imu1 .* and imu2 .* hold the same gyr data"),
-    "same data twice": (
-        lambda a, b: estimate_hinge_axis(a, Imu(a.gyr.copy(), b.acc, 50.0, name="other")),
-        "imu2 .'other'. hold the same gyr data",
-    ),
-    "one sample": (lambda a, b: estimate_hinge_axis(a[:1], b[:1]), "imu1 and imu2 have 1 samples; at least 4"),
-    "three samples": (lambda a, b: estimate_hinge_axis(a[:3], b[:3]), "imu1 and imu2 have 3 samples; at least 4"),
-    "too short to filter": (
-        lambda a, b: estimate_hinge_axis(a[:20], b[:20], lowpass_hz=4.0),
-        "no unbroken stretch of 0.5 s, which lowpass_hz=4 needs",
-    ),
-    "index past the end": (lambda a, b: estimate_hinge_axis(a, b, chosen(ALL + 1)), "gyr_index must ascend within 0 to 499"),
-    "index below 0": (lambda a, b: estimate_hinge_axis(a, b, chosen(ALL - 1)), "gyr_index must ascend within 0 to 499"),
-    "index descends": (lambda a, b: estimate_hinge_axis(a, b, chosen(ALL[::-1])), "gyr_index must ascend"),
-    "index repeats": (lambda a, b: estimate_hinge_axis(a, b, chosen(ALL, [1, 1])), "acc_index must ascend"),
-    "index of floats": (lambda a, b: estimate_hinge_axis(a, b, chosen(ALL * 1.0)), "gyr_index must be a vector of whole"),
-    "index a mask": (lambda a, b: estimate_hinge_axis(a, b, chosen(ALL, ALL > 5)), "acc_index must be a vector.* of bool"),
-    "index of strings": (lambda a, b: estimate_hinge_axis(a, b, chosen(["1", "2"])), "gyr_index must be a vector of whole"),
-    "index empty": (
-        lambda a, b: estimate_hinge_axis(a, b, chosen(ALL, np.zeros(0, np.int64))),
-        r"acc_index must be a vector.*\(0,\)",
-    ),
-    "index a table": (lambda a, b: estimate_hinge_axis(a, b, chosen(ALL[None])), r"gyr_index must be a vector.*\(1, 500\)"),
-    "index a number": (lambda a, b: estimate_hinge_axis(a, b, chosen(3)), r"gyr_index must be a vector.*\(\)"),
-    "index missing": (lambda a, b: estimate_hinge_axis(a, b, chosen("none")), "gyr_index must be a vector"),
-    "index beyond int64": (
-        lambda a, b: estimate_hinge_axis(a, b, chosen(np.array([0, 2**63 + 5], np.uint64))),
-        "gyr_index must ascend",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", BAD_INPUT)
-def test_bad_input_is_refused_with_the_argument_that_is_wrong(pair: Pair, case: str) -> None:
-    call, message = BAD_INPUT[case]
-    with pytest.raises(imufast.InputError, match=message):
-        call(*pair)
-
-
-BAD_DIRECTIONS: dict[str, tuple[Callable[[HingeAxis, Any, Any], object], str]] = {
-    "nothing": (lambda x, a, b: x.oriented(), "exactly one of towards1, towards2, flexing; got none"),
-    "two": (lambda x, a, b: x.oriented(towards1=[1, 0, 0], towards2=[1, 0, 0]), "exactly one of .*towards1', 'towards2"),
-    "two numbers": (lambda x, a, b: x.oriented(towards1=[1.0, 0.0]), "^towards1 must be three finite numbers"),
-    "zero": (lambda x, a, b: x.oriented(towards2=[0, 0, 0]), "^towards2 must be three finite numbers"),
-    "NaN": (lambda x, a, b: x.oriented(towards1=[np.nan, 0, 1]), "^towards1 must be three finite numbers"),
-    "perpendicular": (
-        lambda x, a, b: x.oriented(towards1=np.cross(x.axis1, [0.3, 0.2, 0.5])),
-        "^towards1 does not tell the sign",
-    ),
-    "still": (lambda x, a, b: x.oriented(flexing=(a[:50], b[:50])), "^flexing does not tell the sign"),
-    "flexing same imu": (lambda x, a, b: x.oriented(flexing=(a, a)), "hold the same gyr data"),
-    "flexing no imu": (lambda x, a, b: x.oriented(flexing=(None, b)), "imu1 must be an imufast.Imu"),  # type: ignore[arg-type]
-}
-
-
-@pytest.mark.parametrize("case", BAD_DIRECTIONS)
-def test_a_direction_that_does_not_tell_is_refused(mixed_axis: HingeAxis, pair: Pair, case: str) -> None:
-    call, message = BAD_DIRECTIONS[case]
-    with pytest.raises(imufast.InputError, match=message):
-        call(mixed_axis, *pair)
-
-
-@pytest.mark.xfail(strict=True, reason="bug: these escape as AttributeError, TypeError, ValueError or ZeroDivisionError")
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        pytest.param(lambda x, a, b: estimate_hinge_axis(a, b, no_selection([1, 2, 3])), "^samples", id="samples a list"),
-        pytest.param(lambda x, a, b: estimate_hinge_axis(a, b, no_selection({"gyr_index": ALL})), "^samples", id="a dict"),
-        pytest.param(lambda x, a, b: estimate_hinge_axis(a, b, chosen([[1], [1, 2]])), "gyr_index", id="ragged index"),
-        pytest.param(lambda x, a, b: x.oriented(towards1="up"), "^towards1", id="towards a word"),
-        pytest.param(lambda x, a, b: x.oriented(towards1=[[1], 2, 3]), "^towards1", id="towards something ragged"),
-        pytest.param(lambda x, a, b: x.oriented(towards1=x.axis1 * 1e-200) and 1 / 0, "^towards1", id="tiny direction"),
-        pytest.param(lambda x, a, b: x.oriented(flexing=(a, b, a)), "^flexing", id="flexing three"),
-        pytest.param(lambda x, a, b: x.oriented(flexing=a), "^flexing", id="flexing one"),
-        pytest.param(
-            lambda x, a, b: estimate_hinge_axis(a, b, chosen(np.array([5, 3, 7], np.uint64))), "ascend", id="unsigned descends"
-        ),
-    ],
-)
-def test_bad_input_that_still_slips_through(mixed_axis: HingeAxis, pair: Pair, call: Any, message: str) -> None:
-    with pytest.raises(imufast.InputError, match=message):
-        call(mixed_axis, *pair)
-
-
-def test_dead_sensors_give_a_status_not_an_exception(pair: Pair) -> None:
-    imu1, imu2 = pair
-    still, level = np.zeros((500, 3)), np.tile([0.0, 0.0, 9.81], (500, 1))
-    nothing = estimate_hinge_axis(Imu(still, level, 50.0), Imu(still, level[:, ::-1], 50.0))
-    assert nothing.status is SolveStatus.NOT_IDENTIFIABLE
-    assert not nothing.bound95_deg.max() < 90.0
-    stuck = Imu(np.tile(imu1.gyr[300], (500, 1)), np.tile(imu1.acc[300], (500, 1)), 50.0)
-    contradicted = estimate_hinge_axis(stuck, imu2)
-    # No axis fits: the residual is of the size of the motion.
-    assert contradicted.gyr_residual_std > 0.3
-    for axis in (nothing, contradicted):
-        assert np.linalg.norm(axis.axis1) == pytest.approx(1.0)
-        assert np.linalg.norm(axis.axis2) == pytest.approx(1.0)
-
-
-@pytest.mark.xfail(strict=True, reason="bug: dead gyroscopes give CONVERGED with a bound of about 20 deg")
-def test_dead_gyroscopes_are_not_identifiable(pair: Pair) -> None:
-    still = np.zeros((500, 3))
-    axis = estimate_hinge_axis(Imu(still, pair[0].acc, 50.0), Imu(still, pair[1].acc, 50.0))
-    assert axis.status is SolveStatus.NOT_IDENTIFIABLE

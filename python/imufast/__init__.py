@@ -6,20 +6,26 @@ Units are SI (rad/s, m/s², s, m); names that end in `_deg` are degrees. Quatern
 from __future__ import annotations
 
 from imufast.axis import HingeAxis, HingeMinimum, SolveStatus, estimate_hinge_axis
+from imufast.decide import HingeStep, Verdict
 from imufast.errors import FileFormatError, ImufastError, ImufastWarning, InputError, MissingFileError, SettingsError, UnitError
+from imufast.hinge import HingeCalibration, HingeCalibrator, calibrate_hinge
 from imufast.imu import Imu, ReadInfo, Recording
 from imufast.io import align, read
 from imufast.select import SampleSelection, select_samples
-from imufast.settings import HingeSettings
+from imufast.settings import AxisSettings, HingeSettings
 from imufast.simulate import HingeSimulation, Motion, SoftTissue, random_biases, simulate_hinge
 from imufast.sync import TimeOffset, time_offset
 
 __all__ = [
+    "AxisSettings",
     "FileFormatError",
     "HingeAxis",
+    "HingeCalibration",
+    "HingeCalibrator",
     "HingeMinimum",
     "HingeSettings",
     "HingeSimulation",
+    "HingeStep",
     "Imu",
     "ImufastError",
     "ImufastWarning",
@@ -34,7 +40,9 @@ __all__ = [
     "SolveStatus",
     "TimeOffset",
     "UnitError",
+    "Verdict",
     "align",
+    "calibrate_hinge",
     "estimate_hinge_axis",
     "random_biases",
     "read",

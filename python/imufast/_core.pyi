@@ -1,12 +1,15 @@
 """Numerical core of imufast, in Rust. Arrays must be C-contiguous float64; lengths are checked, units are not."""
 
-from typing import final
+from typing import TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "PRESENT_MOVING",
     "HingeFit",
+    "HingeRecord",
+    "HingeStream",
     "angular_deviation",
     "build_profile",
     "condition",
@@ -15,6 +18,7 @@ __all__ = [
     "select_samples",
 ]
 
+PRESENT_MOVING: int
 build_profile: str
 
 @final
@@ -47,6 +51,103 @@ class HingeFit:
     def unexplained(self) -> float: ...
     @property
     def pieces(self) -> int: ...
+
+_Deviations: TypeAlias = list[tuple[float, float]]
+
+@final
+class HingeRecord:
+    @property
+    def time_s(self) -> float: ...
+    @property
+    def axis1(self) -> list[float]: ...
+    @property
+    def axis2(self) -> list[float]: ...
+    @property
+    def cost(self) -> float: ...
+    @property
+    def status(self) -> str: ...
+    @property
+    def minima(self) -> list[tuple[list[float], list[float], float]]: ...
+    @property
+    def covariance(self) -> list[list[float]]: ...
+    @property
+    def deviation(self) -> _Deviations: ...
+    @property
+    def published_deviation(self) -> _Deviations: ...
+    @property
+    def gyr_residual_std(self) -> float: ...
+    @property
+    def acc_residual_std(self) -> float: ...
+    @property
+    def unexplained(self) -> float: ...
+    @property
+    def pieces(self) -> int: ...
+    @property
+    def pairing(self) -> float: ...
+    @property
+    def acc_pairing(self) -> tuple[float, float]: ...
+    @property
+    def rival(self) -> tuple[float, float] | None: ...
+    @property
+    def misfit(self) -> float | None: ...
+    @property
+    def relative_rate(self) -> float: ...
+    @property
+    def moving_s(self) -> float: ...
+    @property
+    def n_gyr(self) -> int: ...
+    @property
+    def n_acc(self) -> int: ...
+
+@final
+class HingeStream:
+    def __new__(
+        cls,
+        rate_hz: float,
+        lowpass_hz: float,
+        window_s: float,
+        max_samples: int,
+        energy_threshold: float,
+        always_quiet: bool,
+        settle_pairing: bool,
+        bias_from_rest: bool,
+        weight_ratio: float,
+        rate_scale: float,
+        offset_prior: float,
+        step_s: float,
+    ) -> HingeStream: ...
+    def push(
+        self,
+        gyr1: NDArray[np.float64],
+        acc1: NDArray[np.float64],
+        gyr2: NDArray[np.float64],
+        acc2: NDArray[np.float64],
+        time_s: NDArray[np.float64] | None,
+        start: int,
+    ) -> int: ...
+    def estimate(
+        self, gyr_offset_std: float, acc_offset_std: float, starts: NDArray[np.float64] | None
+    ) -> HingeRecord | None: ...
+    def next_step(self) -> None: ...
+    @property
+    def next_step_s(self) -> float: ...
+    @property
+    def latest_s(self) -> float: ...
+    @property
+    def changes(self) -> tuple[int, int]: ...
+    @property
+    def moving_seen(self) -> int: ...
+    @property
+    def gyr_bias(self) -> list[list[float] | None]: ...
+    def witness(self, axis1: list[float], axis2: list[float]) -> tuple[float | None, float, float]: ...
+    def refit(
+        self, axis1: list[float], axis2: list[float]
+    ) -> tuple[float, float, list[float], list[float], _Deviations] | None: ...
+    def chosen_times(self) -> tuple[list[float], list[float]]: ...
+    def restart(self) -> None: ...
+    def state(self) -> bytes: ...
+    @staticmethod
+    def restore(state: bytes) -> HingeStream: ...
 
 def hinge_axis(
     gyr1: NDArray[np.float64],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +13,7 @@ from imufast import _core
 from imufast.errors import InputError, SettingsError
 from imufast.imu import Imu
 from imufast.pairs import PairSignals, pair_signals
-from imufast.settings import HingeSettings
+from imufast.settings import AxisSettings
 
 __all__ = ["HingeAxis", "HingeMinimum", "SolveStatus", "estimate_hinge_axis"]
 
@@ -145,21 +145,24 @@ class Selection(Protocol):
     def acc_index(self) -> NDArray[np.int64]: ...
 
 
-def settings_from(settings: HingeSettings | None, keywords: dict[str, Any]) -> HingeSettings:
-    """`settings` with the keywords put in; unknown keywords are refused by name."""
-    known = [f.name for f in fields(HingeSettings)]
+SettingsT = TypeVar("SettingsT", bound=AxisSettings)
+
+
+def settings_from(kind: type[SettingsT], settings: SettingsT | None, keywords: dict[str, Any]) -> SettingsT:
+    """`settings`, or the defaults of `kind`, with the keywords put in; unknown keywords are refused by name."""
+    known = [f.name for f in fields(kind)]
     for name in keywords:
         if name not in known:
             raise SettingsError(f"unknown setting {name!r}; known are {', '.join(known)}")
     if settings is None:
-        return HingeSettings(**keywords)
-    if not isinstance(settings, HingeSettings):
-        raise SettingsError(f"settings must be HingeSettings, got {type(settings).__name__}")
-    return replace(settings, **keywords)
+        return kind(**keywords)
+    if not isinstance(settings, kind):
+        raise SettingsError(f"settings must be {kind.__name__}, got {type(settings).__name__}")
+    return replace(settings, **keywords) if keywords else settings
 
 
 def estimate_hinge_axis(
-    imu1: Imu, imu2: Imu, samples: Selection | None = None, *, settings: HingeSettings | None = None, **keywords: Any
+    imu1: Imu, imu2: Imu, samples: Selection | None = None, *, settings: AxisSettings | None = None, **keywords: Any
 ) -> HingeAxis:
     """Find the axis of a hinge joint in the frames of the two sensors on its segments: Algorithm 1 of Olsson et al. 2020.
 
@@ -169,8 +172,8 @@ def estimate_hinge_axis(
     Args:
         imu1, imu2: the sensors on the two segments, same time base. Any mounting.
         samples: which samples to use (`.gyr_index`, `.acc_index`); default all.
-        settings: a `HingeSettings`; default `HingeSettings()`.
-        **keywords: any field of `HingeSettings`, such as `weight_ratio=50.0`, `starts="deterministic"`, `lowpass_hz=4.0`;
+        settings: an `AxisSettings` (or `HingeSettings`, which are more); default `AxisSettings()`.
+        **keywords: any field of `AxisSettings`, such as `weight_ratio=50.0`, `starts="deterministic"`, `lowpass_hz=4.0`;
             they win over `settings`.
 
     Returns:
@@ -180,7 +183,7 @@ def estimate_hinge_axis(
         InputError: not two Imus of one time base, the same data twice, or too few samples.
         SettingsError: an unknown setting or one out of its range.
     """
-    chosen = settings_from(settings, keywords)
+    chosen = settings_from(AxisSettings, settings, keywords)
     signals = pair_signals(imu1, imu2, chosen.lowpass_hz)
     if samples is None:
         return fit_axis(signals, chosen)
@@ -205,7 +208,7 @@ def _index(samples: Selection, name: str, count: int) -> NDArray[np.int64]:
 
 def fit_axis(
     signals: PairSignals,
-    settings: HingeSettings,
+    settings: AxisSettings,
     gyr_index: NDArray[np.int64] | None = None,
     acc_index: NDArray[np.int64] | None = None,
 ) -> HingeAxis:

@@ -11,7 +11,7 @@ from imufast import _core
 from imufast.errors import InputError
 from imufast.imu import Imu, Recording
 
-__all__ = ["PairSignals", "pair_signals"]
+__all__ = ["PairSignals", "check_pair", "pair_signals"]
 
 Array = NDArray[np.float64]
 
@@ -39,16 +39,11 @@ class PairSignals:
         return _core.hinge_residuals(self.gyr1, self.gyr2, axis1.tolist(), axis2.tolist())
 
 
-def pair_signals(imu1: Imu, imu2: Imu, lowpass_hz: float | None = None) -> PairSignals:
-    """Check that two Imus can be the two sensors of a joint, and low-pass them when asked to.
-
-    Args:
-        imu1, imu2: Imus on one time base, at least four samples.
-        lowpass_hz: cut-off (-6 dB) of the one low-pass, Hz; None or 0: the samples as they are.
+def check_pair(imu1: Imu, imu2: Imu) -> Recording:
+    """Check that two Imus can be the two sensors of a joint.
 
     Raises:
-        InputError: not Imus, different time bases, the same data twice, fewer than four samples, or no stretch between breaks
-            that is as long as the low-pass.
+        InputError: not Imus, different time bases, the same data twice, or fewer than four samples.
     """
     for name, imu in (("imu1", imu1), ("imu2", imu2)):
         if not isinstance(imu, Imu):
@@ -57,11 +52,25 @@ def pair_signals(imu1: Imu, imu2: Imu, lowpass_hz: float | None = None) -> PairS
         raise InputError(
             f"imu1 has {len(imu1)} samples but imu2 has {len(imu2)}: bring them to one time base with imufast.align"
         )
-    same = Recording({"imu1": imu1, "imu2": imu2})
+    recording = Recording({"imu1": imu1, "imu2": imu2})
     if len(imu1) < 4:
         raise InputError(f"imu1 and imu2 have {len(imu1)} samples; at least 4 are needed")
     if np.array_equal(imu1.gyr, imu2.gyr) and imu1.gyr.any():
         raise InputError(f"imu1 ({imu1.name!r}) and imu2 ({imu2.name!r}) hold the same gyr data: give two different sensors")
+    return recording
+
+
+def pair_signals(imu1: Imu, imu2: Imu, lowpass_hz: float | None = None) -> PairSignals:
+    """The signals of two sensors of a joint, low-passed when asked to.
+
+    Args:
+        imu1, imu2: Imus on one time base, at least four samples.
+        lowpass_hz: cut-off (-6 dB) of the one low-pass, Hz; None or 0: the samples as they are.
+
+    Raises:
+        InputError: as `check_pair`, or no stretch between breaks is as long as the low-pass.
+    """
+    same = check_pair(imu1, imu2)
     if not lowpass_hz:
         return PairSignals(same.time_s, imu1.gyr, imu1.acc, imu2.gyr, imu2.acc, same.rate_hz)
     longest = max(stop - start for start, stop in imu1.segments())

@@ -12,7 +12,7 @@ from imufast import _core
 from imufast.axis import settings_from
 from imufast.imu import Imu
 from imufast.pairs import pair_signals
-from imufast.settings import HingeSettings
+from imufast.settings import AxisSettings
 
 __all__ = ["SampleSelection", "select_samples"]
 
@@ -38,7 +38,7 @@ class SampleSelection:
     time_s: NDArray[np.float64]
 
 
-def select_samples(imu1: Imu, imu2: Imu, *, settings: HingeSettings | None = None, **keywords: Any) -> SampleSelection:
+def select_samples(imu1: Imu, imu2: Imu, *, settings: AxisSettings | None = None, **keywords: Any) -> SampleSelection:
     """Choose the most informative samples: Algorithm 2 (gyroscope) and Algorithm 3 (accelerometer).
 
     Gyroscope: half of `max_samples` with the highest and half with the lowest windowed difference of the two sensors' rates.
@@ -48,15 +48,15 @@ def select_samples(imu1: Imu, imu2: Imu, *, settings: HingeSettings | None = Non
 
     Args:
         imu1, imu2: the sensors on the two segments, same time base.
-        settings: a `HingeSettings`; default `HingeSettings()`.
-        **keywords: fields of `HingeSettings`; here `max_samples=1000`, `window_s=0.42` (s), `energy_threshold=1.0` (rad²/s²)
+        settings: an `AxisSettings`; default `AxisSettings()`.
+        **keywords: fields of `AxisSettings`; here `max_samples=1000`, `window_s=0.42` (s), `energy_threshold=1.0` (rad²/s²)
             and `lowpass_hz=None` (Hz) matter.
 
     Raises:
         InputError: not two Imus of one time base, the same data twice, or too few samples.
         SettingsError: an unknown setting or one out of its range.
     """
-    chosen = settings_from(settings, keywords)
+    chosen = settings_from(AxisSettings, settings, keywords)
     signals = pair_signals(imu1, imu2, chosen.lowpass_hz)
     gyr_index, acc_index, gyr_score, acc_score = _core.select_samples(
         signals.gyr1,

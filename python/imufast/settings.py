@@ -4,23 +4,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from numbers import Integral, Real
+from typing import Any
 
 from imufast.errors import SettingsError
 
-__all__ = ["HingeSettings"]
+__all__ = ["AxisSettings", "HingeSettings"]
 
 
 def check_number(name: str, value: object, low: float, high: float, *, low_open: bool = False) -> None:
     """Refuse what is not a real number within [low, high]."""
     if isinstance(value, bool) or not isinstance(value, Real) or value != value:
         raise SettingsError(f"{name} must be a number, got {value!r}")
-    if not low <= value <= high or (low_open and value == low):
+    number: Any = value
+    if not low <= number <= high or (low_open and number == low):
         raise SettingsError(f"{name} must be between {low:g} and {high:g}, got {value!r}")
 
 
 def check_count(name: str, value: object, low: int, high: int) -> None:
     """Refuse what is not a whole number within [low, high]."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or not low <= value <= high:
+    if isinstance(value, bool) or not isinstance(value, Integral) or not low <= int(value) <= high:
         raise SettingsError(f"{name} must be a whole number between {low} and {high}, got {value!r}")
 
 
@@ -31,8 +33,8 @@ def check_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class HingeSettings:
-    """How the hinge axis is estimated (Olsson et al. 2020).
+class AxisSettings:
+    """How samples are chosen and the hinge axis is estimated from them (Olsson et al. 2020, Algorithms 1 to 3).
 
     Args:
         weight_ratio: weight w_0 of the gyroscope against the accelerometer residual (eq. 70); small trusts gravity, large
@@ -82,6 +84,83 @@ class HingeSettings:
         check_number("energy_threshold", self.energy_threshold, 0.0, 1e9, low_open=True)
 
     @classmethod
-    def as_published(cls) -> HingeSettings:
+    def as_published(cls) -> AxisSettings:
         """The paper's own choice: raw signals, weight ratio 50, one random start with its sign pair."""
         return cls(starts="random")
+
+
+@dataclass(frozen=True, kw_only=True)
+class HingeSettings(AxisSettings):
+    """How a hinge is calibrated and judged: `AxisSettings` and what follows.
+
+    Args:
+        lowpass_hz: as in `AxisSettings`, but default 4: on a walking person the thigh's strap wobbles faster than that and
+            would win; mechanical hinges are found alike.
+        max_error_deg: largest `bound95_deg` with which a HINGE is accepted (E_max), degrees. Default 3.
+        max_error_approximate_deg: the same for an APPROXIMATE_HINGE, degrees. Default 12.
+        n_consistent: so many estimates in a row must agree and be good before acceptance (n_min). Default 10.
+        step_s: time between estimates, s. Default 1.
+        hinge_misfit: up to this misfit a joint is a HINGE. Default 0.05 (mechanical hinges 0.005-0.02).
+        approximate_misfit: up to this an APPROXIMATE_HINGE, above it NOT_A_HINGE. Default 0.25 (knees in walking and
+            sit-to-stand 0.08-0.22; joints with two degrees of freedom 0.26-0.46).
+        rate_scale: a gyroscope residual counts c/(c + ‖ω1‖ + ‖ω2‖) with this c, rad/s; small distrusts fast motion, inf treats
+            all alike, as published. Default 3.
+        offset_prior: the accelerations along the axis may differ by a constant (biases) that is held towards 0 as if so many
+            samples said so; inf: no such constant, as published. Default 5.
+        gyr_bias_std: gyroscope bias that the bound considers, rad/s, one standard deviation of each channel. Default 0.0087
+            (0.5 deg/s); with rest, `gyr_bias_rest_std`.
+        gyr_bias_rest_std: what is left of it after rest has shown the bias, rad/s. Default 0.0026 (0.15 deg/s).
+        acc_bias_std: constant difference of the accelerations along the axis that the bound considers, m/s². Default 0.3.
+        bias_from_rest: subtract the gyroscope biases that rest shows. Default True.
+        acceptance: "calibrated" (verdicts from misfit, pairing and rivals, calibrated bounds, revocable) or "published"
+            (Algorithm 4: μ+2σ of eq. 57 and SEQAD below `max_error_deg`, `n_consistent` times; every joint is a hinge).
+            Default "calibrated".
+
+    Raises:
+        SettingsError: a value is out of its range.
+    """
+
+    lowpass_hz: float | None = 4.0
+    max_error_deg: float = 3.0
+    max_error_approximate_deg: float = 12.0
+    n_consistent: int = 10
+    step_s: float = 1.0
+    hinge_misfit: float = 0.05
+    approximate_misfit: float = 0.25
+    rate_scale: float = 3.0
+    offset_prior: float = 5.0
+    gyr_bias_std: float = 0.0087
+    gyr_bias_rest_std: float = 0.0026
+    acc_bias_std: float = 0.3
+    bias_from_rest: bool = True
+    acceptance: str = "calibrated"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_number("max_error_deg", self.max_error_deg, 0.0, 90.0, low_open=True)
+        check_number("max_error_approximate_deg", self.max_error_approximate_deg, 0.0, 90.0, low_open=True)
+        check_count("n_consistent", self.n_consistent, 1, 1_000_000)
+        check_number("step_s", self.step_s, 1e-3, 1e6)
+        check_number("hinge_misfit", self.hinge_misfit, 0.0, 10.0)
+        check_number("approximate_misfit", self.approximate_misfit, self.hinge_misfit, 10.0)
+        check_number("rate_scale", self.rate_scale, 0.0, float("inf"), low_open=True)
+        check_number("offset_prior", self.offset_prior, 0.0, float("inf"))
+        check_number("gyr_bias_std", self.gyr_bias_std, 0.0, 10.0)
+        check_number("gyr_bias_rest_std", self.gyr_bias_rest_std, 0.0, 10.0)
+        check_number("acc_bias_std", self.acc_bias_std, 0.0, 100.0)
+        if not isinstance(self.bias_from_rest, bool):
+            raise SettingsError(f"bias_from_rest must be True or False, got {self.bias_from_rest!r}")
+        check_choice("acceptance", self.acceptance, ("calibrated", "published"))
+
+    @classmethod
+    def as_published(cls) -> HingeSettings:
+        """The paper's own choice: raw signals, one random start an estimate, plain weights, Algorithm 4."""
+        inf = float("inf")
+        return cls(
+            starts="random",
+            lowpass_hz=None,
+            rate_scale=inf,
+            offset_prior=inf,
+            bias_from_rest=False,
+            acceptance="published",
+        )

@@ -16,7 +16,7 @@ from imufast.axis import HingeAxis, fit_axis
 from imufast.errors import InputError
 from imufast.imu import GAP_STEPS, Imu, Recording
 from imufast.pairs import PairSignals, pair_signals
-from imufast.settings import HingeSettings
+from imufast.settings import AxisSettings
 
 __all__ = ["TimeOffset", "time_offset"]
 
@@ -33,7 +33,7 @@ LEAST_AGREEMENT = 0.3
 """Noise alone reaches an agreement of about 0.15 over a minute."""
 COARSE_HZ = 50.0
 """Signals without anything above the low-pass are looked at this often, and the offset is searched in such steps."""
-SETTINGS = HingeSettings(weight_ratio=1000.0)
+SETTINGS = AxisSettings(weight_ratio=1000.0)
 # Gravity only decides where rates do not: at the published weight 50 accelerations of walking pull the offset by 1.7 ms.
 
 

@@ -4,11 +4,9 @@
 
 use alloc::vec::Vec;
 use nalgebra::ComplexField;
+use serde::{Deserialize, Serialize};
 
-use crate::lowpass::Lowpass;
-
-/// One instant of two sensors: gyr1, acc1, gyr2, acc2.
-pub type PairSample = [f64; 12];
+use crate::{PairSample, lowpass::Lowpass};
 
 /// A step longer than this many nominal steps is a break.
 pub const BREAK_STEPS: f64 = 2.5;
@@ -16,10 +14,10 @@ pub const BREAK_STEPS: f64 = 2.5;
 const ON_GRID_STEPS: f64 = 1e-3;
 
 /// Evens out time and low-passes.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Conditioner {
     step_s: f64,
-    lowpass: Lowpass<12>,
+    lowpass: Lowpass,
     /// Where the even grid of the present stretch starts, and how many of its points have been made.
     origin_s: f64,
     made: u64,
@@ -65,6 +63,11 @@ impl Conditioner {
                 self.emit(time_s, sample, out);
             }
         }
+    }
+
+    /// Whether this, read back, can go on where `fresh` would begin.
+    pub(crate) fn fits(&self, fresh: &Self) -> bool {
+        self.step_s == fresh.step_s && self.lowpass.fits(&fresh.lowpass)
     }
 
     fn emit(&mut self, time_s: f64, sample: &PairSample, out: &mut Vec<(f64, PairSample)>) {

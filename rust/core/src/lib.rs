@@ -22,6 +22,7 @@
 //! | [`lowpass`] | the one low-pass: a symmetric FIR with stated delay |
 //! | [`condition`] | even time, low-pass, breaks: what comes before any algorithm |
 //! | [`reservoir`] | bounded memory of an endless stream |
+//! | [`rest`] | gyroscope bias from rest |
 //! | [`hinge`] | hinge axis, Olsson et al. 2020 |
 #![cfg_attr(not(feature = "std"), no_std)]
 extern crate alloc;
@@ -30,7 +31,10 @@ pub mod condition;
 pub mod hinge;
 pub mod lowpass;
 pub mod reservoir;
+pub mod rest;
 pub mod so3;
 
 /// A vector in a sensor frame, as it arrives: x, y, z.
 pub type Xyz = [f64; 3];
+/// One instant of two sensors: gyr1, acc1, gyr2, acc2.
+pub type PairSample = [f64; 12];

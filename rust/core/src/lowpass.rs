@@ -4,13 +4,16 @@
 
 use alloc::{vec, vec::Vec};
 use nalgebra::{ComplexField, RealField};
+use serde::{Deserialize, Serialize};
 
-/// Filters `C` channels side by side.
-#[derive(Clone, Debug)]
-pub struct Lowpass<const C: usize> {
+use crate::PairSample;
+
+/// Filters all channels of two sensors side by side.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Lowpass {
     /// Weights of the middle sample and of each pair around it.
     half_kernel: Vec<f64>,
-    window: Vec<[f64; C]>,
+    window: Vec<PairSample>,
     next: usize,
     filled: usize,
     /// One output for so many samples.
@@ -19,14 +22,14 @@ pub struct Lowpass<const C: usize> {
     wait: usize,
 }
 
-impl<const C: usize> Lowpass<C> {
+impl Lowpass {
     /// A windowed sinc (Hamming) with −6 dB at `cutoff_hz` and zeros beyond; its half length is one period of the cut-off.
     /// `cutoff_hz` at or above half the rate, or not positive, gives the identity. Of the filtered samples every `every`-th
     /// comes out; the others are never computed.
     pub fn new(cutoff_hz: f64, rate_hz: f64, every: usize) -> Self {
         let half_kernel = design(cutoff_hz, rate_hz);
         let length = 2 * half_kernel.len() - 1;
-        Self { half_kernel, window: vec![[0.0; C]; length], next: 0, filled: 0, every: every.max(1), wait: 0 }
+        Self { half_kernel, window: vec![[0.0; 12]; length], next: 0, filled: 0, every: every.max(1), wait: 0 }
     }
 
     /// By how many samples the output is late.
@@ -40,7 +43,7 @@ impl<const C: usize> Lowpass<C> {
     }
 
     /// Takes one sample and gives the filtered sample of [`Self::delay_samples`] ago, once the window is full.
-    pub fn push(&mut self, sample: &[f64; C]) -> Option<[f64; C]> {
+    pub fn push(&mut self, sample: &PairSample) -> Option<PairSample> {
         let length = self.window.len();
         self.window[self.next] = *sample;
         self.next = if self.next + 1 == length { 0 } else { self.next + 1 };
@@ -53,7 +56,17 @@ impl<const C: usize> Lowpass<C> {
         due.then(|| self.output())
     }
 
-    fn output(&self) -> [f64; C] {
+    /// Whether this, read back, can go on where `fresh` would begin.
+    pub(crate) fn fits(&self, fresh: &Self) -> bool {
+        self.half_kernel == fresh.half_kernel
+            && self.every == fresh.every
+            && self.window.len() == fresh.window.len()
+            && self.next < self.window.len()
+            && self.filled <= self.window.len()
+            && self.wait < self.every
+    }
+
+    fn output(&self) -> PairSample {
         let length = self.window.len();
         let middle = self.delay_samples();
         // self.next is the oldest sample of a full window.
@@ -64,7 +77,7 @@ impl<const C: usize> Lowpass<C> {
         let mut sum = at(middle).map(|x| x * self.half_kernel[0]);
         for (k, weight) in self.half_kernel.iter().enumerate().skip(1) {
             let (before, after) = (at(middle - k), at(middle + k));
-            for c in 0..C {
+            for c in 0..12 {
                 sum[c] += weight * (before[c] + after[c]);
             }
         }

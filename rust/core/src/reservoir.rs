@@ -1,10 +1,11 @@
 //! A bounded memory of an endless stream that covers all of it evenly.
 
 use alloc::vec::Vec;
+use serde::{Deserialize, Serialize};
 
 /// Keeps every n-th of what it is given; whenever it is full, n doubles and every second entry is given up. What it holds
 /// depends on what came, not on how it was cut into pieces.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Reservoir<T> {
     entries: Vec<T>,
     capacity: usize,
@@ -39,6 +40,11 @@ impl<T: Copy> Reservoir<T> {
     /// What it holds, in the order it came.
     pub fn entries(&self) -> &[T] {
         &self.entries
+    }
+
+    /// Whether this, read back, can go on where `fresh` would begin.
+    pub(crate) fn fits(&self, fresh: &Self) -> bool {
+        self.capacity == fresh.capacity && self.entries.len() <= self.capacity && self.stride >= 1
     }
 
     /// How many were offered in all.

@@ -122,7 +122,7 @@ fn deviations(covariance: &nalgebra::Matrix6<f64>, axes: &AxisPair) -> [(f64, f6
     tangent_covariance(covariance, &axes.tangent()).map(|p| deviation(&p))
 }
 
-fn status_name(status: Status) -> &'static str {
+pub fn status_name(status: Status) -> &'static str {
     match status {
         Status::Converged => "CONVERGED",
         Status::Stalled => "STALLED",
@@ -133,10 +133,10 @@ fn status_name(status: Status) -> &'static str {
     }
 }
 
-fn pairs(starts: &PyReadonlyArray3<'_, f64>) -> PyResult<Vec<AxisPair>> {
+pub fn pairs(starts: &PyReadonlyArray3<'_, f64>) -> PyResult<Vec<AxisPair>> {
     let wrong = || PyValueError::new_err("starts must be a C-contiguous float64 array of shape (k, 2, 3) with k of 1 or more");
     match (starts.shape(), starts.as_slice()) {
-        (&[k, 2, 3], Ok(flat)) if k > 0 => Ok(flat
+        (&[k, 2, 3], Ok(flat)) if k > 0 && starts.is_c_contiguous() => Ok(flat
             .as_chunks::<6>()
             .0
             .iter()

@@ -4,6 +4,7 @@ mod arrays;
 mod hinge;
 mod select;
 mod signals;
+mod stream;
 
 use pyo3::prelude::*;
 
@@ -16,10 +17,13 @@ mod _core {
     use super::select::select_samples;
     #[pymodule_export]
     use super::signals::condition;
+    #[pymodule_export]
+    use super::stream::{HingeRecord, HingeStream};
     use super::*;
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("PRESENT_MOVING", imufast_core::hinge::stream::PRESENT_MOVING)?;
         module.add("build_profile", if cfg!(debug_assertions) { "debug" } else { "release" })
     }
 }

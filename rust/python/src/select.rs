@@ -45,7 +45,7 @@ pub fn select_samples<'py>(
         let mut window = ScoreWindow::new(window_samples(window_s, rate_hz));
         let few = time.len() <= max_samples;
         let threshold = if few { f64::INFINITY } else { energy_threshold };
-        let (mut gyr, mut acc) = (GyrSelection::new(max_samples), AccSelection::new(max_samples, threshold));
+        let (mut gyr, mut acc) = (GyrSelection::new(max_samples), AccSelection::new(max_samples, threshold, true));
         let (mut gyr_score, mut acc_score) = (vec![0.0; time.len()], vec![f64::INFINITY; time.len()]);
         let mut before = f64::NEG_INFINITY;
         let delay = window.delay_samples();

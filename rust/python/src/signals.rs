@@ -1,9 +1,6 @@
 //! Conditioning of whole recordings: even time, then the low-pass.
 
-use imufast_core::{
-    Xyz,
-    condition::{Conditioner, PairSample},
-};
+use imufast_core::{PairSample, Xyz, condition::Conditioner};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, ndarray::Array2};
 use pyo3::{exceptions::PyValueError, prelude::*};
 

@@ -3,6 +3,7 @@
 
 use alloc::vec::Vec;
 use nalgebra::{ComplexField, Matrix3, Matrix4, Matrix4x6, Matrix6, Matrix6x4, Vector2, Vector3, Vector4, Vector6};
+use serde::{Deserialize, Serialize};
 
 use crate::{
     Xyz,
@@ -10,7 +11,7 @@ use crate::{
 };
 
 /// The hinge axis in both sensor frames, unit vectors with one common sign.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AxisPair {
     /// In sensor frame 1.
     pub j1: Vector3<f64>,
@@ -121,7 +122,7 @@ struct AccPiece {
 }
 
 /// How the residuals are weighted against each other.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Weights {
     /// `w_0` of eq. 70: `w_ω² = w_0`, `w_a² = 1/w_0`.
     pub ratio: f64,

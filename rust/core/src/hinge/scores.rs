@@ -2,8 +2,9 @@
 
 use alloc::{vec, vec::Vec};
 use nalgebra::ComplexField;
+use serde::{Deserialize, Serialize};
 
-use crate::condition::PairSample;
+use crate::PairSample;
 
 /// An instant with its scores.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,7 +25,7 @@ pub fn window_samples(window_s: f64, rate_hz: f64) -> usize {
 }
 
 /// Slides a window over the samples and scores its middle one.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ScoreWindow {
     /// The latest `length` samples and what they add to a window, a ring.
     recent: Vec<(f64, PairSample)>,
@@ -38,7 +39,7 @@ pub struct ScoreWindow {
 }
 
 /// What is joined over a window.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 struct Term {
     difference: f64,
     energy1: f64,
@@ -80,6 +81,12 @@ impl ScoreWindow {
     /// Samples between the newest and the one that is scored.
     pub fn delay_samples(&self) -> usize {
         self.recent.len() / 2
+    }
+
+    /// Whether this, read back, can go on where `fresh` would begin.
+    pub(crate) fn fits(&self, fresh: &Self) -> bool {
+        let lengths = |w: &Self| (w.recent.len(), w.terms.len(), w.ends.len());
+        lengths(self) == lengths(fresh) && self.count < usize::MAX / 2
     }
 
     /// What comes next is not joined to what came before.

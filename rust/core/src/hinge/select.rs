@@ -2,12 +2,13 @@
 
 use alloc::{collections::BinaryHeap, vec::Vec};
 use core::cmp::{Ordering, Reverse};
+use serde::{Deserialize, Serialize};
 
 use super::{cost::acc_row, prune::prune};
-use crate::{Xyz, condition::PairSample};
+use crate::{PairSample, Xyz};
 
 /// A sample that may be chosen.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Candidate {
     /// Its score: `s_ω` or `s_a`.
     pub score: f64,
@@ -45,7 +46,7 @@ impl Ord for Candidate {
 
 /// Algorithm 2 as a stream: of all samples so far the half of `N_max` with the highest scores and the half with the lowest,
 /// O(log N_max) a sample.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct GyrSelection {
     high: BinaryHeap<Reverse<Candidate>>,
     low: BinaryHeap<Candidate>,
@@ -96,6 +97,13 @@ impl GyrSelection {
         all
     }
 
+    /// Whether this, read back, can go on where `fresh` would begin.
+    pub(crate) fn fits(&self, fresh: &Self) -> bool {
+        (self.max_high, self.max_low) == (fresh.max_high, fresh.max_low)
+            && self.high.len() <= self.max_high
+            && self.low.len() <= self.max_low
+    }
+
     /// How many are chosen.
     pub fn len(&self) -> usize {
         self.high.len() + self.low.len()
@@ -109,36 +117,51 @@ impl GyrSelection {
 
 /// Algorithm 3 as a stream: samples above the energy threshold are passed over, the others kept until [`Self::settle`]
 /// prunes them to `N_max`.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct AccSelection {
     kept: Vec<Candidate>,
     max_samples: usize,
     energy_threshold: f64,
+    always_quiet: bool,
 }
 
 impl AccSelection {
-    /// Keeps at most `max_samples` after each settling, none with a score above `energy_threshold` (rad²/s²).
-    pub fn new(max_samples: usize, energy_threshold: f64) -> Self {
-        Self { kept: Vec::new(), max_samples, energy_threshold }
+    /// Keeps at most `max_samples` after each settling, none with a score above `energy_threshold` (rad²/s²); unless
+    /// `always_quiet`, louder ones are kept too while there are fewer than `max_samples`, as published.
+    pub fn new(max_samples: usize, energy_threshold: f64, always_quiet: bool) -> Self {
+        Self { kept: Vec::new(), max_samples, energy_threshold, always_quiet }
     }
 
     /// Considers a sample; says whether it became a candidate.
     pub fn push(&mut self, candidate: Candidate) -> bool {
-        let quiet = candidate.score <= self.energy_threshold;
-        if quiet {
-            self.kept.push(candidate);
+        if self.always_quiet && candidate.score > self.energy_threshold {
+            return false;
         }
-        quiet
+        self.kept.push(candidate);
+        // Bounded memory also where nobody asks for the result.
+        if self.kept.len() >= 2 * self.max_samples.max(1024) {
+            self.settle();
+        }
+        true
     }
 
     /// Prunes to `N_max`.
     pub fn settle(&mut self) {
+        if self.kept.len() > self.max_samples {
+            self.kept.retain(|c| c.score <= self.energy_threshold);
+        }
         if self.kept.len() > self.max_samples {
             let rows: Vec<_> = self.kept.iter().map(|c| acc_row(&c.values[0], &c.values[1])).collect();
             let scores: Vec<f64> = self.kept.iter().map(|c| c.score).collect();
             let mut keep = prune(&rows, &scores, self.max_samples).into_iter();
             self.kept.retain(|_| keep.next().unwrap_or(true));
         }
+    }
+
+    /// Whether this, read back, can go on where `fresh` would begin.
+    pub(crate) fn fits(&self, fresh: &Self) -> bool {
+        (self.max_samples, self.energy_threshold, self.always_quiet)
+            == (fresh.max_samples, fresh.energy_threshold, fresh.always_quiet)
     }
 
     /// The samples chosen, in the order they came; settled.

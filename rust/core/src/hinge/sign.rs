@@ -12,9 +12,10 @@
 
 use alloc::vec::Vec;
 use nalgebra::{Complex, ComplexField, Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
 
 use super::cost::AxisPair;
-use crate::{Xyz, condition::PairSample};
+use crate::{PairSample, Xyz};
 
 /// Evidence for a pairing beyond this (a third more left unexplained by the other) settles it.
 pub const PAIRING_DECIDED: f64 = 0.3;
@@ -23,7 +24,7 @@ pub const PAIRING_DECIDED: f64 = 0.3;
 const MARGIN: usize = 2;
 
 /// An unbroken, evenly sampled stretch of both sensors' signals.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Stretch {
     /// Time between samples, s.
     pub step_s: f64,

@@ -4,12 +4,13 @@
 use alloc::vec::Vec;
 use core::cell::Cell;
 use nalgebra::{Matrix3, Matrix4, SymmetricEigen, Vector3, Vector4};
+use serde::{Deserialize, Serialize};
 
 use super::cost::{AxisPair, HingeCost, NormalEquations};
 use crate::so3::angle_between;
 
 /// Why a descent ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Status {
     /// The next step would be shorter than the tolerance, or gain less than rounding.
     Converged,
@@ -45,7 +46,7 @@ impl Default for SolveOptions {
 }
 
 /// A local minimum of the cost.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct Minimum {
     /// Canonical in its overall sign.
     pub axes: AxisPair,

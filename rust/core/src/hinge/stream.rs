@@ -3,6 +3,7 @@
 
 use alloc::{collections::VecDeque, vec::Vec};
 use nalgebra::ComplexField;
+use serde::{Deserialize, Serialize};
 
 use super::{
     cost::{AxisPair, HingeCost, Weights},
@@ -13,13 +14,14 @@ use super::{
     solve::{Minimum, Solution, SolveOptions, deterministic_starts, refine, same_axes, solve},
 };
 use crate::{
-    Xyz,
-    condition::{BREAK_STEPS, Conditioner, PairSample},
+    PairSample, Xyz,
+    condition::{BREAK_STEPS, Conditioner},
     reservoir::Reservoir,
+    rest::Rest,
 };
 
 /// What a stream needs to know from the start.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StreamSettings {
     /// Nominal rate of the samples, Hz.
     pub rate_hz: f64,
@@ -31,6 +33,12 @@ pub struct StreamSettings {
     pub max_samples: usize,
     /// `E_th`, rad²/s².
     pub energy_threshold: f64,
+    /// See [`AccSelection::new`].
+    pub always_quiet: bool,
+    /// Whether the motion in the plane of the hinge may settle the sign pairing.
+    pub settle_pairing: bool,
+    /// Whether rest, when there is any, corrects the gyroscopes.
+    pub bias_from_rest: bool,
     /// Weights of the residuals.
     pub weights: Weights,
 }
@@ -79,7 +87,7 @@ const STRETCH_S: f64 = 4.0;
 const STRETCHES: usize = 6;
 
 /// The stream.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct HingeStream {
     settings: StreamSettings,
     conditioner: Conditioner,
@@ -95,6 +103,7 @@ pub struct HingeStream {
     unsearched: u64,
     moving: Reservoir<[Xyz; 2]>,
     recent: VecDeque<[Xyz; 2]>,
+    rest: [Rest; 2],
     stretch: Stretch,
     liveliest: Vec<Stretch>,
     minima: Vec<Minimum>,
@@ -112,11 +121,12 @@ impl HingeStream {
             latest_s: f64::NEG_INFINITY,
             window: ScoreWindow::new(window_samples(settings.window_s, rate)),
             gyr: GyrSelection::new(settings.max_samples),
-            acc: AccSelection::new(settings.max_samples, settings.energy_threshold),
+            acc: AccSelection::new(settings.max_samples, settings.energy_threshold, settings.always_quiet),
             changes: 0,
             unsearched: 0,
             moving: Reservoir::new(PAST_MOVING),
             recent: VecDeque::new(),
+            rest: Default::default(),
             stretch: Stretch { step_s: 1.0 / rate, samples: Vec::new() },
             liveliest: Vec::new(),
             minima: Vec::new(),
@@ -137,8 +147,12 @@ impl HingeStream {
         if time - self.latest_s > BREAK_STEPS / self.settings.conditioned_hz() {
             self.window.reset();
             self.stretch.samples.clear();
+            self.rest.iter_mut().for_each(Rest::reset);
         }
         self.latest_s = time;
+        for (sensor, rest) in self.rest.iter_mut().enumerate() {
+            rest.push(sample, 6 * sensor, self.settings.conditioned_hz());
+        }
         let offered = self.count.is_multiple_of(self.settings.stride());
         self.count += 1;
         let scored = self.window.push(time, sample);
@@ -219,14 +233,15 @@ impl HingeStream {
         (self.gyr.chosen(), self.acc.chosen())
     }
 
-    /// Everything that the samples so far say about the hinge; None while there are too few to say anything.
-    pub fn estimate(&mut self) -> Option<Record> {
+    /// Everything that the samples so far say about the hinge; None while there are too few to say anything. Given `starts` are
+    /// each followed on all samples, as published; else the landscape is searched from the deterministic ones.
+    pub fn estimate(&mut self, starts: Option<&[AxisPair]>) -> Option<Record> {
         self.acc.settle();
         self.unsearched += core::mem::take(&mut self.changes);
         if self.gyr.len() < LEAST_SAMPLES {
             return None;
         }
-        let gyr = self.gyr.chosen();
+        let gyr = self.unbiased(self.gyr.chosen());
         let cost = HingeCost::new(
             self.settings.weights,
             gyr.iter().map(|c| (c.time, &c.values[0], &c.values[1])),
@@ -236,7 +251,9 @@ impl HingeStream {
         // The landscape is searched anew once a twentieth of the samples is new; until then its valleys are followed.
         let search = self.minima.is_empty() || self.unsearched as usize * 20 >= self.selected();
         let known: Vec<AxisPair> = self.minima.iter().map(|m| m.axes).collect();
-        let mut solution = if search {
+        let mut solution = if let Some(starts) = starts {
+            solve(&cost, starts, &SolveOptions { coarse_first: false, ..options }, &mut || true)
+        } else if search {
             self.unsearched = 0;
             let starts: Vec<AxisPair> = known.into_iter().take(1).chain(deterministic_starts(&cost)).collect();
             solve(&cost, &starts, &options, &mut || true)
@@ -248,11 +265,70 @@ impl HingeStream {
         Some(Record::new(self.latest_s, &cost, &self.minima, pairing, self.witness(&self.minima[0].axes)))
     }
 
+    /// Everything it knows, as bytes: a version, a checksum, the state.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let body = postcard::to_allocvec(self).unwrap_or_default();
+        let mut bytes = Vec::from(STATE_VERSION);
+        bytes.extend(crc32fast::hash(&body).to_le_bytes());
+        bytes.extend(body);
+        bytes
+    }
+
+    /// The stream that [`Self::to_bytes`] wrote; None where the bytes are of another version, damaged or not from there.
+    pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
+        let (checksum, body) = bytes.strip_prefix(&STATE_VERSION)?.split_first_chunk::<4>()?;
+        if u32::from_le_bytes(*checksum) != crc32fast::hash(body) {
+            return None;
+        }
+        let stream: Self = postcard::from_bytes(body).ok()?;
+        let settings = stream.settings;
+        let sound = settings.rate_hz > 0.0
+            && settings.rate_hz < 1e9
+            && settings.lowpass_hz >= 0.0
+            && (settings.lowpass_hz == 0.0 || settings.rate_hz / settings.lowpass_hz < 1e6)
+            && (0.0..1e4).contains(&settings.window_s)
+            && settings.window_s * settings.rate_hz < 1e8;
+        let fresh = sound.then(|| Self::new(settings))?;
+        let fits = stream.conditioner.fits(&fresh.conditioner)
+            && stream.window.fits(&fresh.window)
+            && stream.gyr.fits(&fresh.gyr)
+            && stream.acc.fits(&fresh.acc)
+            && stream.moving.fits(&fresh.moving)
+            && stream.recent.len() <= RECENT_MOVING
+            && stream.liveliest.len() <= STRETCHES
+            && stream.stretch.step_s == fresh.stretch.step_s;
+        fits.then_some(stream)
+    }
+
+    /// Without what rest showed to be bias.
+    fn unbiased(&self, mut gyr: Vec<Candidate>) -> Vec<Candidate> {
+        for (sensor, rest) in self.rest.iter().enumerate() {
+            if let Some(bias) = rest.bias().filter(|_| self.settings.bias_from_rest) {
+                for candidate in &mut gyr {
+                    (0..3).for_each(|k| candidate.values[sensor][k] -= bias[k]);
+                }
+            }
+        }
+        gyr
+    }
+
+    /// The gyroscope bias of each sensor, rad/s, where rest has shown it.
+    pub fn gyr_bias(&self) -> [Option<Xyz>; 2] {
+        self.rest.each_ref().map(Rest::bias)
+    }
+
+    /// What was learnt belongs to another mounting: forgets all of it but the biases, which belong to the sensors.
+    pub fn restart(&mut self) {
+        let rest = self.rest;
+        *self = Self::new(self.settings);
+        self.rest = rest;
+    }
+
     /// Puts the minimum first whose pairing the planar motion supports, and says how strongly it does.
     fn settle_pairing(&self, cost: &HingeCost, solution: &mut Solution, options: &SolveOptions) -> f64 {
         let best = solution.best().axes;
         let evidence = pairing_evidence(&best, self.liveliest.iter());
-        if evidence > -PAIRING_DECIDED {
+        if !self.settings.settle_pairing || evidence > -PAIRING_DECIDED {
             return evidence;
         }
         let other = *refine(cost, &[best.other_sign_pair()], options).best();
@@ -265,6 +341,8 @@ impl HingeStream {
     }
 }
 
+/// First bytes of a saved stream; the last is the version of the layout.
+const STATE_VERSION: [u8; 8] = *b"imuhng\0\x01";
 /// Fewer gyroscope samples than this say nothing.
 const LEAST_SAMPLES: usize = 20;
 /// Two pairs within this are in one valley, rad.

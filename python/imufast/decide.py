@@ -1,0 +1,308 @@
+"""When to trust a hinge: from the core's records, one a step, to verdicts and acceptance.
+
+Two rules live here. "calibrated" is ours: is there enough motion, is it a hinge (misfit), is the sign pairing settled, does a
+rival minimum stand, is the calibrated bound small, and all that for `n_consistent` steps in which the joint has moved;
+revocable. "published" is Algorithm 4 of Olsson et al. 2020.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field, fields
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imufast import _core
+from imufast.settings import HingeSettings
+
+__all__ = ["Decider", "Estimate", "HingeStep", "Past", "Verdict"]
+
+Array = NDArray[np.float64]
+
+MOVING_S = 3.0
+"""The joint must have moved this long before anything is said, s."""
+ENERGY = 5.0
+"""...and with this much energy: ∫(relative rate)² dt, rad²/s. Below it a stiff joint looks like a bad hinge."""
+REFUSE_MOVING_S = 10.0
+"""The joint must have moved this long before it is refused, s."""
+PIECES = 6
+"""Pieces of time that bounds must rest on."""
+PAIRING_MOTION = 0.3
+"""Evidence from planar motion that settles the sign pairing (logarithm of what the other leaves unexplained)."""
+PAIRING_ACC = (2.0, 1.5)
+"""Otherwise the accelerometers settle it: significance, and cost of the other pairing over this one's."""
+RIVAL = (1.64, 4.0)
+"""A rival minimum is refuted by the significance or by the ratio of its cost."""
+GRACE_STEPS = 3
+"""An accepted run may fail so many steps, less one, before acceptance is revoked."""
+SLIP_RATIO, SLIP_MISFIT, SLIP_DEG, SLIP_STEPS = 4.0, 0.08, 6.0, 3
+"""A strap has slipped when present motion misfits the axes from before so many times more than its own, and more than this,
+its own axes lie this far away (degrees), and all that for so many steps."""
+
+
+class Verdict(str, Enum):
+    """What a joint is, as far as its motion has shown."""
+
+    NOT_ENOUGH_INFORMATION = "NOT_ENOUGH_INFORMATION"
+    HINGE = "HINGE"
+    APPROXIMATE_HINGE = "APPROXIMATE_HINGE"
+    NOT_A_HINGE = "NOT_A_HINGE"
+    MOUNTING_CHANGED = "MOUNTING_CHANGED"
+
+    def __str__(self) -> str:
+        return self.value
+
+
+@dataclass(frozen=True, eq=False)
+class HingeStep:
+    """One step of calibration.
+
+    Attributes:
+        time_s: in the recording's time, s.
+        verdict, accepted: as of this step.
+        why: what stands in the way of acceptance, in words; empty when nothing does.
+        axis1, axis2: (3,) latest axes, or None while there is no estimate.
+        bound95_deg: (2,) bound for each axis, degrees; or None.
+        published_bound_deg: (2,) the paper's local uncertainty μ + 2σ (eqs 57-65), degrees; or None.
+        change_deg: how far the axes moved since the last estimate (SEQAD, eq. 67), degrees; 180 at the first; or None.
+        misfit: see `HingeCalibration`; or None.
+        relative_rate: rms rate of the joint while it moves, rad/s.
+        moving_s: how long the joint has moved so far, s.
+        n_gyr, n_acc: selected samples of each kind.
+    """
+
+    time_s: float
+    verdict: Verdict
+    accepted: bool
+    why: tuple[str, ...]
+    axis1: Array | None = field(default=None, repr=False)
+    axis2: Array | None = field(default=None, repr=False)
+    bound95_deg: Array | None = None
+    published_bound_deg: Array | None = field(default=None, repr=False)
+    change_deg: float | None = None
+    misfit: float | None = None
+    relative_rate: float = 0.0
+    moving_s: float = 0.0
+    n_gyr: int = 0
+    n_acc: int = 0
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What decisions need of a record of the core, in plain numbers (meanings as in `_core.HingeRecord`)."""
+
+    axis1: list[float]
+    axis2: list[float]
+    covariance: list[list[float]]
+    deviation: list[tuple[float, float]]
+    published_deviation: list[tuple[float, float]]
+    pieces: int
+    pairing: float
+    acc_pairing: tuple[float, float]
+    rival: tuple[float, float] | None
+    n_gyr: int
+    n_acc: int
+
+    @classmethod
+    def of(cls, record: _core.HingeRecord) -> Estimate:
+        """Read a record."""
+        return cls(**{f.name: getattr(record, f.name) for f in fields(cls)})
+
+
+@dataclass(frozen=True)
+class Past:
+    """Axes that were believed when the joint had moved so often; `bound_deg` None unless they were accepted as a hinge."""
+
+    seen: int
+    axis1: list[float]
+    axis2: list[float]
+    bound_deg: float | None
+
+
+def angle_deg(a: Array, b: Array) -> float:
+    """Angle between two unit vectors, degrees."""
+    return math.degrees(2.0 * math.atan2(float(np.linalg.norm(a - b)), float(np.linalg.norm(a + b))))
+
+
+def paired_angle_deg(a1: Array, a2: Array, b1: Array, b2: Array) -> float:
+    """Worse angle between two axis pairs, the common sign free, degrees."""
+    return min(max(angle_deg(s * a1, b1), angle_deg(s * a2, b2)) for s in (1.0, -1.0))
+
+
+class Decider:
+    """Turns records into steps; its state is small and plain."""
+
+    def __init__(self, settings: HingeSettings) -> None:
+        self.settings = settings
+        self.accepted_at_s: float | None = None
+        self.mounting_changed_at_s: list[float] = []
+        self.start_over()
+
+    def start_over(self) -> None:
+        """Forget what belongs to one mounting."""
+        self.accepted_at_s = None
+        self.run = 0
+        self.failed = 0
+        self.slipping = 0
+        self.last_seen = -1
+        self.axes: tuple[Array, Array] | None = None
+        self.past: deque[Past] = deque()
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the current axes are accepted."""
+        return self.accepted_at_s is not None
+
+    def waiting_verdict(self) -> Verdict:
+        """What is said while there is too little to say more."""
+        return Verdict.MOUNTING_CHANGED if self.mounting_changed_at_s else Verdict.NOT_ENOUGH_INFORMATION
+
+    def step(self, record: Estimate | None, time_s: float, stream: _core.HingeStream) -> HingeStep:
+        """Judge the record of a step that ends at `time_s`."""
+        if record is None:
+            return HingeStep(time_s, self.waiting_verdict(), False, ("fewer samples than an estimate needs",))
+        axis1, axis2 = np.array(record.axis1), np.array(record.axis2)
+        if self.axes is not None and axis1 @ self.axes[0] + axis2 @ self.axes[1] < 0.0:
+            axis1, axis2 = -axis1, -axis2
+        change = 180.0 if self.axes is None else paired_angle_deg(axis1, axis2, *self.axes)
+        self.axes = (axis1, axis2)
+        misfit, relative_rate, moving_s = stream.witness(record.axis1, record.axis2)
+        bound = self._bound(record, misfit)
+        published = np.degrees([mean + 2.0 * std for mean, std in record.published_deviation])
+        seen = stream.moving_seen
+        if self.settings.acceptance == "published":
+            verdict, why = self._published(published, change, time_s)
+        else:
+            facts = _Facts(misfit, relative_rate, moving_s, float(bound.max()), change, seen > self.last_seen)
+            verdict, why = self._calibrated(record, facts, time_s)
+            if self._slipped(stream, seen, verdict, float(bound.max())):
+                self.mounting_changed_at_s.append(time_s)
+                verdict, why = Verdict.MOUNTING_CHANGED, ("the sensors sit otherwise than before: starting over",)
+        self.last_seen = seen
+        return HingeStep(
+            time_s=time_s,
+            verdict=verdict,
+            accepted=self.accepted and verdict is not Verdict.MOUNTING_CHANGED,
+            why=why,
+            axis1=axis1,
+            axis2=axis2,
+            bound95_deg=bound,
+            published_bound_deg=published,
+            change_deg=change,
+            misfit=misfit,
+            relative_rate=relative_rate,
+            moving_s=moving_s,
+            n_gyr=record.n_gyr,
+            n_acc=record.n_acc,
+        )
+
+    def _bound(self, record: Estimate, misfit: float | None) -> Array:
+        """Calibrated bound of each axis: scatter and biases, what is no hinge, and what no data show; degrees."""
+        model = math.degrees(math.atan(1.0 if misfit is None else misfit))
+        shown = [math.degrees(mean + 2.0 * std) for mean, std in record.deviation]
+        return np.array([min(math.hypot(b, model, self.settings.floor_deg), 180.0) for b in shown])
+
+    def _published(self, bound: Array, change: float, time_s: float) -> tuple[Verdict, tuple[str, ...]]:
+        """Algorithm 4: local uncertainty and SEQAD below E_max for n_min estimates; then it stands."""
+        limit = self.settings.max_error_deg
+        small, steady = bool(bound.max() < limit), change < limit
+        self.run = self.run + 1 if small and steady else 0
+        if not self.accepted and self.run >= self.settings.n_consistent:
+            self.accepted_at_s = time_s
+        why: tuple[str, ...] = () if small else (f"local uncertainty {bound.max():.3g}° is not below {limit:g}°",)
+        why += () if steady else (f"the axes moved by {change:.3g}° since the last estimate",)
+        return (Verdict.HINGE if self.accepted else Verdict.NOT_ENOUGH_INFORMATION), why
+
+    def _calibrated(self, record: Estimate, facts: _Facts, time_s: float) -> tuple[Verdict, tuple[str, ...]]:
+        verdict, why = self._verdict(record, facts)
+        judged = verdict in (Verdict.HINGE, Verdict.APPROXIMATE_HINGE)
+        settings = self.settings
+        limit = settings.max_error_deg if verdict is Verdict.HINGE else settings.max_error_approximate_deg
+        if judged and not facts.bound_deg < limit:
+            why += (f"the bound {facts.bound_deg:.3g}° is not below {limit:g}°",)
+        good = judged and not why
+        if good and not facts.change_deg < limit:
+            why += (f"the axes moved by {facts.change_deg:.3g}° since the last estimate",)
+        if not good or why:
+            # A good estimate that agrees with nothing before it begins a new run.
+            self.run = 1 if good else 0
+        elif facts.moved:
+            self.run += 1
+        if not self.accepted:
+            if self.run >= settings.n_consistent:
+                self.accepted_at_s, self.failed = time_s, 0
+            elif not why:
+                why = (f"{self.run} of {settings.n_consistent} estimates in a row agree so far",)
+        else:
+            self.failed = self.failed + 1 if why else 0
+            if self.failed >= GRACE_STEPS or verdict is Verdict.NOT_A_HINGE:
+                self.accepted_at_s, self.run = None, 0
+        return verdict, why
+
+    def _verdict(self, record: Estimate, facts: _Facts) -> tuple[Verdict, tuple[str, ...]]:
+        settings, misfit = self.settings, facts.misfit
+        if misfit is None or facts.moving_s < MOVING_S:
+            return self.waiting_verdict(), (f"the joint has moved for {facts.moving_s:.1f} s; {MOVING_S:g} s are the least",)
+        energy = facts.relative_rate**2 * facts.moving_s
+        if energy < ENERGY:
+            return self.waiting_verdict(), (f"the joint has hardly turned: {energy:.1f} of {ENERGY:g} rad²/s",)
+        if misfit > settings.approximate_misfit:
+            why = (f"misfit {misfit:.2f} is above {settings.approximate_misfit:g}",)
+            return (Verdict.NOT_A_HINGE if facts.moving_s >= REFUSE_MOVING_S else self.waiting_verdict()), why
+        blocks: tuple[str, ...] = ()
+        if record.pieces < PIECES:
+            blocks += (f"the estimate rests on {record.pieces} s of the recording; {PIECES} s are the least",)
+        significance, ratio = record.acc_pairing
+        by_acc = abs(record.pairing) <= PAIRING_MOTION and significance > PAIRING_ACC[0] and ratio > PAIRING_ACC[1]
+        if not (record.pairing > PAIRING_MOTION or by_acc):
+            blocks += ("the motion does not tell yet which way the two axes belong together",)
+        if record.rival is not None and record.rival[0] <= RIVAL[0] and record.rival[1] <= RIVAL[1]:
+            blocks += ("another axis explains the motion about as well",)
+        if blocks:
+            return self.waiting_verdict(), blocks
+        return (Verdict.HINGE if misfit < settings.hinge_misfit else Verdict.APPROXIMATE_HINGE), ()
+
+    def _slipped(self, stream: _core.HingeStream, seen: int, verdict: Verdict, bound_deg: float) -> bool:
+        """Whether the latest ten seconds of motion are those of another hinge than the one accepted before them."""
+        assert self.axes is not None  # noqa: S101 - set by the caller
+        trusted = bound_deg if self.accepted and verdict is Verdict.HINGE else None
+        if self.past and self.past[-1].seen == seen:
+            self.past.pop()
+        self.past.append(Past(seen, self.axes[0].tolist(), self.axes[1].tolist(), trusted))
+        window = _core.PRESENT_MOVING
+        while len(self.past) > 1 and self.past[1].seen <= seen - window:
+            self.past.popleft()
+        before = self.past[0]
+        slipped = False
+        if before.seen <= seen - window and before.bound_deg is not None:
+            slipped = self._contradicts(stream, before, before.bound_deg)
+        self.slipping = self.slipping + 1 if slipped else 0
+        return self.slipping >= SLIP_STEPS
+
+    def _contradicts(self, stream: _core.HingeStream, before: Past, bound_deg: float) -> bool:
+        fit = stream.refit(before.axis1, before.axis2)
+        if fit is None:
+            return False
+        misfit_before, misfit, axis1, axis2, deviation = fit
+        if misfit_before <= max(SLIP_RATIO * misfit, SLIP_MISFIT) or misfit >= self.settings.hinge_misfit:
+            return False
+        old1, old2, new1, new2 = (np.array(a) for a in (before.axis1, before.axis2, axis1, axis2))
+        # The rates alone do not pair the signs: each axis is a line here.
+        apart = max(min(angle_deg(new, old), angle_deg(-new, old)) for new, old in ((new1, old1), (new2, old2)))
+        fit_bound = max(math.degrees(mean + 2.0 * std) for mean, std in deviation)
+        return apart > max(SLIP_DEG, 2.0 * math.hypot(fit_bound, bound_deg))
+
+
+@dataclass(frozen=True)
+class _Facts:
+    """What a step is judged by, beside the record."""
+
+    misfit: float | None
+    relative_rate: float
+    moving_s: float
+    bound_deg: float
+    change_deg: float
+    moved: bool
