@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from enum import Enum
 
@@ -122,14 +123,16 @@ class Past:
     bound_deg: float | None
 
 
-def angle_deg(a: Array, b: Array) -> float:
-    """Angle between two unit vectors, degrees."""
-    return math.degrees(2.0 * math.atan2(float(np.linalg.norm(a - b)), float(np.linalg.norm(a + b))))
+def angle_deg(a: Sequence[float], b: Sequence[float]) -> float:
+    """Angle between two unit vectors, degrees; exact also near 0 and 180."""
+    sums = [x + y for x, y in zip(a, b, strict=True)]
+    return math.degrees(2.0 * math.atan2(math.dist(a, b), math.hypot(*sums)))
 
 
-def paired_angle_deg(a1: Array, a2: Array, b1: Array, b2: Array) -> float:
+def paired_angle_deg(a: tuple[Array, Array], b: tuple[Array, Array]) -> float:
     """Worse angle between two axis pairs, the common sign free, degrees."""
-    return min(max(angle_deg(s * a1, b1), angle_deg(s * a2, b2)) for s in (1.0, -1.0))
+    apart = [angle_deg(one.tolist(), other.tolist()) for one, other in zip(a, b, strict=True)]
+    return min(max(apart), 180.0 - min(apart))
 
 
 class Decider:
@@ -149,6 +152,7 @@ class Decider:
         self.slipping = 0
         self.last_seen = -1
         self.axes: tuple[Array, Array] | None = None
+        self.taken: Estimate | None = None
         self.past: deque[Past] = deque()
 
     @property
@@ -164,11 +168,8 @@ class Decider:
         """Judge the record of a step that ends at `time_s`."""
         if record is None:
             return HingeStep(time_s, self.waiting_verdict(), False, ("fewer samples than an estimate needs",))
-        axis1, axis2 = np.array(record.axis1), np.array(record.axis2)
-        if self.axes is not None and axis1 @ self.axes[0] + axis2 @ self.axes[1] < 0.0:
-            axis1, axis2 = -axis1, -axis2
-        change = 180.0 if self.axes is None else paired_angle_deg(axis1, axis2, *self.axes)
-        self.axes = (axis1, axis2)
+        change = self._take_axes(record)
+        axis1, axis2 = self.axes or (np.zeros(3), np.zeros(3))
         misfit, relative_rate, moving_s = stream.witness(record.axis1, record.axis2)
         bound = self._bound(record, misfit)
         published = np.degrees([mean + 2.0 * std for mean, std in record.published_deviation])
@@ -198,6 +199,17 @@ class Decider:
             n_gyr=record.n_gyr,
             n_acc=record.n_acc,
         )
+
+    def _take_axes(self, record: Estimate) -> float:
+        """Makes the record's axes the latest ones, with the sign of those before; returns how far they moved, degrees."""
+        if record is self.taken:
+            return 0.0
+        self.taken = record
+        axes, before = (np.array(record.axis1), np.array(record.axis2)), self.axes
+        if before is not None and axes[0] @ before[0] + axes[1] @ before[1] < 0.0:
+            axes = (-axes[0], -axes[1])
+        self.axes = axes
+        return 180.0 if before is None else paired_angle_deg(axes, before)
 
     def _bound(self, record: Estimate, misfit: float | None) -> Array:
         """Calibrated bound of each axis: scatter and biases, what is no hinge, and what no data show; degrees."""
@@ -289,9 +301,9 @@ class Decider:
         misfit_before, misfit, axis1, axis2, deviation = fit
         if misfit_before <= max(SLIP_RATIO * misfit, SLIP_MISFIT) or misfit >= self.settings.hinge_misfit:
             return False
-        old1, old2, new1, new2 = (np.array(a) for a in (before.axis1, before.axis2, axis1, axis2))
         # The rates alone do not pair the signs: each axis is a line here.
-        apart = max(min(angle_deg(new, old), angle_deg(-new, old)) for new, old in ((new1, old1), (new2, old2)))
+        angles = [angle_deg(new, old) for new, old in ((axis1, before.axis1), (axis2, before.axis2))]
+        apart = max(min(angle, 180.0 - angle) for angle in angles)
         fit_bound = max(math.degrees(mean + 2.0 * std) for mean, std in deviation)
         return apart > max(SLIP_DEG, 2.0 * math.hypot(fit_bound, bound_deg))
 

@@ -448,10 +448,11 @@ type Chunk = [f64; CHUNK];
 #[inline(always)]
 fn sum_gyr_chunks(gyr: [&[f64]; 6], frame: &[Matrix3<f64>; 2]) -> [f64; 16] {
     let mut sums = [[0.0; LANES]; 16];
+    let mut work = Work { e: [0.0; CHUNK], other: [0.0; CHUNK], d: [[0.0; CHUNK]; 4] };
+    let mut tail = [[0.0; CHUNK]; 6]; // zero rates contribute exactly nothing
     let count = gyr[0].len();
     let mut start = 0;
     while start < count {
-        let mut tail = [[0.0; CHUNK]; 6]; // zero rates contribute exactly nothing
         let chunk: [&Chunk; 6] = if start + CHUNK <= count {
             gyr.map(|channel| channel[start..].first_chunk().unwrap_or(&[0.0; CHUNK]))
         } else {
@@ -460,27 +461,33 @@ fn sum_gyr_chunks(gyr: [&[f64]; 6], frame: &[Matrix3<f64>; 2]) -> [f64; 16] {
             }
             tail.each_ref()
         };
-        add_chunk(&mut sums, chunk, frame);
+        add_chunk(&mut sums, &mut work, chunk, frame);
         start += CHUNK;
     }
     sums.map(|s| (s[0] + s[1]) + (s[2] + s[3]))
 }
 
+/// Room for the residuals and derivatives of one chunk, made once for all.
+struct Work {
+    e: Chunk,
+    other: Chunk,
+    d: [Chunk; 4],
+}
+
 #[inline(always)]
-fn add_chunk(sums: &mut [[f64; LANES]; 16], gyr: [&Chunk; 6], frame: &[Matrix3<f64>; 2]) {
-    let (mut e, mut other) = ([0.0; CHUNK], [0.0; CHUNK]);
-    let mut d = [[0.0; CHUNK]; 4];
-    let [d1, d2, d3, d4] = &mut d;
-    norm_and_descent([gyr[0], gyr[1], gyr[2]], &frame[0], &mut e, d1, d2);
-    norm_and_descent([gyr[3], gyr[4], gyr[5]], &frame[1], &mut other, d3, d4);
-    for (e, other) in e.iter_mut().zip(&other) {
-        *e -= other;
+fn add_chunk(sums: &mut [[f64; LANES]; 16], work: &mut Work, gyr: [&Chunk; 6], frame: &[Matrix3<f64>; 2]) {
+    let Work { e, other, d } = work;
+    let [d1, d2, d3, d4] = d;
+    norm_and_descent([gyr[0], gyr[1], gyr[2]], &frame[0], e, d1, d2);
+    norm_and_descent([gyr[3], gyr[4], gyr[5]], &frame[1], other, d3, d4);
+    for (e, other) in e.iter_mut().zip(other) {
+        *e -= *other;
     }
-    add_products(&mut sums[0], &e, &e);
-    add_products(&mut sums[15], &e, &[1.0; CHUNK]);
+    add_products(&mut sums[0], e, e);
+    add_products(&mut sums[15], e, &[1.0; CHUNK]);
     let mut next = 5;
     for a in 0..4 {
-        add_products(&mut sums[1 + a], &d[a], &e);
+        add_products(&mut sums[1 + a], &d[a], e);
         for b in a..4 {
             add_products(&mut sums[next], &d[a], &d[b]);
             next += 1;

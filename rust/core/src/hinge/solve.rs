@@ -33,6 +33,8 @@ pub struct SolveOptions {
     pub max_iterations: usize,
     /// A descent has converged when its next step is shorter than this, rad.
     pub step_tolerance: f64,
+    /// A descent has converged, too, when its next step would gain less than this share of the cost.
+    pub gain_tolerance: f64,
     /// Find the valleys on few samples first, then walk to their bottom on all.
     pub coarse_first: bool,
     /// Minima closer than this in both axes, up to the common sign, are one, rad.
@@ -41,7 +43,7 @@ pub struct SolveOptions {
 
 impl Default for SolveOptions {
     fn default() -> Self {
-        Self { max_iterations: 300, step_tolerance: 1e-7, coarse_first: true, distinct_angle: 0.01 }
+        Self { max_iterations: 300, step_tolerance: 1e-7, gain_tolerance: 1e-15, coarse_first: true, distinct_angle: 0.01 }
     }
 }
 
@@ -164,7 +166,7 @@ fn descend_unless_known(
             break;
         };
         let predicted = -normal.gradient.dot(&step);
-        if step.norm() < options.step_tolerance || predicted <= 1e-15 * normal.half_cost {
+        if step.norm() < options.step_tolerance || predicted <= options.gain_tolerance * normal.half_cost {
             status = Status::Converged;
             break;
         }

@@ -247,9 +247,10 @@ impl HingeStream {
             gyr.iter().map(|c| (c.time, &c.values[0], &c.values[1])),
             self.acc.chosen().iter().map(|c| (c.time, &c.values[0], &c.values[1])),
         );
-        let options = SolveOptions::default();
-        // The landscape is searched anew once a twentieth of the samples is new; until then its valleys are followed.
-        let search = self.minima.is_empty() || self.unsearched as usize * 20 >= self.selected();
+        // A step's result need not be finer than a ten-thousandth of its bound.
+        let options = SolveOptions { step_tolerance: 1e-5, gain_tolerance: 1e-9, ..SolveOptions::default() };
+        // The landscape is searched anew once a tenth of the samples is new; until then its valleys are followed.
+        let search = self.minima.is_empty() || self.unsearched as usize * 10 >= self.selected();
         let known: Vec<AxisPair> = self.minima.iter().map(|m| m.axes).collect();
         let mut solution = if let Some(starts) = starts {
             solve(&cost, starts, &SolveOptions { coarse_first: false, ..options }, &mut || true)
