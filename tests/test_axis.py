@@ -77,8 +77,8 @@ def test_the_sign_pair_is_right_where_accelerations_tell_it(motion: int) -> None
 
 @pytest.mark.xfail(
     strict=True,
-    reason="limit of the published method: in fast free motion the sensors' own rotation, which eq. 18 leaves out, drowns what tells the sign (costs "
-    "of the two pairings within 5 to 50 %); 2 of the first 4 seeds are paired wrongly and nothing in the result says so",
+    reason="limit of the published method: in fast free motion the sensors' own rotation, which eq. 18 leaves out, drowns what "
+    "tells the sign (costs of the two pairings within 5 to 50 %); 2 of the first 4 seeds are paired wrongly",
 )
 def test_the_sign_pair_is_right_in_fast_free_motion() -> None:
     for seed in range(4):
@@ -201,7 +201,7 @@ def test_200_random_starts_find_nothing_better_where_a_joint_is_no_hinge(dof: An
 
 
 @pytest.mark.parametrize(
-    "given", [{"motion": "mixed"}, {"scenario": 2, "dof": 3}, {"scenario": 1, "soft_tissue": SoftTissue()}], ids=str
+    "given", [{"motion": "mixed"}, {"motion": "mixed", "dof": 3}, {"motion": "walking", "soft_tissue": SoftTissue()}]
 )
 def test_random_starts_find_nothing_better_where_the_deterministic_ones_walk_on_few_samples_first(given: Any) -> None:
     # Above 4096 samples the valleys are found on some of them.
@@ -302,7 +302,7 @@ def test_the_low_pass_turns_from_the_strap_to_the_knee() -> None:
 
 def fit_on(arrays: list[Array], time_s: Array) -> tuple[list[float], list[float], float]:
     gyr1, acc1, gyr2, acc2 = map(np.ascontiguousarray, arrays)
-    fit = _core.hinge_axis(gyr1, acc1, gyr2, acc2, time_s, None, None, 50.0, None, imufast.HingeSettings().max_iterations)
+    fit = _core.hinge_axis(gyr1, acc1, gyr2, acc2, time_s, None, None, 50.0, None, imufast.AxisSettings().max_iterations)
     return fit.axis1, fit.axis2, fit.cost
 
 

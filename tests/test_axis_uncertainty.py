@@ -108,11 +108,6 @@ def test_motion_with_information_is_identifiable(motion: int | str) -> None:
         assert estimate(simulate_hinge(motion, duration_s=20, seed=seed)).status is SolveStatus.CONVERGED, f"seed {seed}"
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="bug: few samples of noise let the best axes explain more than a tenth of it: at 250 to 750 samples of rest 10 to 80 % "
-    "of estimates are CONVERGED with a bound of 5 to 20 deg around an axis 40 to 90 deg off",
-)
 @pytest.mark.parametrize("duration_s", [6.0, 8.0, 10.0])
 @pytest.mark.parametrize("motion", [1, 8])
 def test_a_short_rest_is_never_a_confident_wrong_answer(motion: int, duration_s: float) -> None:

@@ -56,12 +56,20 @@ def test_the_commands_in_readme_exist() -> None:
     assert commands <= set(app.commands)
 
 
-def test_settings_in_the_documents_have_their_true_defaults() -> None:
-    rows = dict(
-        re.findall(r"^\| `(\w+)` \| (.+?) \|", (ROOT / "docs" / "hinge-axis.md").read_text(encoding="utf-8"), re.MULTILINE)
-    )
-    settings = imufast.HingeSettings()
-    assert rows
-    for name, stated in rows.items():
-        value = getattr(settings, name)
-        assert stated == ("none" if value is None else f'`"{value}"`' if isinstance(value, str) else f"{value:g}")
+@pytest.mark.parametrize("path", DOCUMENTS, ids=IDS)
+def test_settings_in_the_documents_have_their_true_defaults(path: Path) -> None:
+    # A table of settings belongs to the class that was named last before it.
+    text = path.read_text(encoding="utf-8")
+    for table in re.finditer(r"^\| setting \| default \|.*\n(?:\|.*\n)+", text, re.MULTILINE):
+        kind = re.findall(r"`(AxisSettings|HingeSettings)`", text[: table.start()])[-1]
+        rows = re.findall(r"^\| `(\w+)` \| (.+?) \|", table[0], re.MULTILINE)
+        assert rows
+        for name, stated in rows:
+            value = getattr(getattr(imufast, kind)(), name)
+            plain = "none" if value is None else f'`"{value}"`' if isinstance(value, str) else f"{value:g}"
+            assert stated == plain, f"{kind}.{name}"
+
+
+def test_the_settings_of_the_axis_are_documented() -> None:
+    text = (ROOT / "docs" / "hinge-axis.md").read_text(encoding="utf-8")
+    assert re.search(r"^\| setting \| default \|", text, re.MULTILINE)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from imufast.axis import HingeAxis, HingeMinimum, SolveStatus, estimate_hinge_axis
 from imufast.decide import HingeStep, Verdict
+from imufast.deviation import angular_deviation_deg
 from imufast.errors import FileFormatError, ImufastError, ImufastWarning, InputError, MissingFileError, SettingsError, UnitError
 from imufast.hinge import HingeCalibration, HingeCalibrator, calibrate_hinge
 from imufast.imu import Imu, ReadInfo, Recording
@@ -42,6 +43,7 @@ __all__ = [
     "UnitError",
     "Verdict",
     "align",
+    "angular_deviation_deg",
     "calibrate_hinge",
     "estimate_hinge_axis",
     "random_biases",

@@ -111,6 +111,7 @@ class HingeStream:
         always_quiet: bool,
         settle_pairing: bool,
         bias_from_rest: bool,
+        max_iterations: int,
         weight_ratio: float,
         rate_scale: float,
         offset_prior: float,
@@ -133,6 +134,8 @@ class HingeStream:
     def next_step_s(self) -> float: ...
     @property
     def latest_s(self) -> float: ...
+    @property
+    def mean_step_s(self) -> float | None: ...
     @property
     def changes(self) -> tuple[int, int]: ...
     @property

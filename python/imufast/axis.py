@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum
 from typing import Any, Protocol, TypeVar
@@ -21,8 +22,9 @@ Array = NDArray[np.float64]
 
 
 UNEXPLAINED_LIMIT = 0.9
-"""Motion tells nothing where the best axes leave this share of the plain difference of the two rates. Measured: still or stiff
-joints 0.92 and more, mechanical hinges up to 0.07, knees 0.4-0.6, joints with more degrees of freedom 0.67-0.89."""
+"""Motion tells nothing where the best axes leave this share of the plain difference of the two rates; of n samples
+0.96 − 2.6/√n where that is less, since axes fitted to a little noise explain some of it. Measured: still or stiff joints above
+it, mechanical hinges up to 0.07, knees 0.4-0.6, joints with more degrees of freedom 0.67-0.89."""
 
 
 class SolveStatus(str, Enum):
@@ -230,7 +232,8 @@ def fit_axis(
     )
     bound = np.hypot(np.degrees([mean + 2.0 * std for mean, std in fit.deviation]), settings.floor_deg)
     status = SolveStatus(fit.status)
-    told = fit.unexplained < UNEXPLAINED_LIMIT and (fit.pieces < 5 or bound.max() < 90.0)
+    n_gyr = len(signals) if gyr_index is None else len(gyr_index)
+    told = fit.unexplained < min(UNEXPLAINED_LIMIT, 0.96 - 2.6 / math.sqrt(n_gyr)) and (fit.pieces < 5 or bound.max() < 90.0)
     if status is not SolveStatus.NUMERICAL_ERROR and not told:
         status = SolveStatus.NOT_IDENTIFIABLE
     return HingeAxis(
@@ -244,7 +247,7 @@ def fit_axis(
         minima=tuple(HingeMinimum(np.array(a), np.array(b), cost) for a, b, cost in fit.minima),
         gyr_residual_std=fit.gyr_residual_std,
         acc_residual_std=fit.acc_residual_std,
-        n_gyr=len(signals) if gyr_index is None else len(gyr_index),
+        n_gyr=n_gyr,
         n_acc=len(signals) if acc_index is None else len(acc_index),
         iterations=fit.iterations,
     )

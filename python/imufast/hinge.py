@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import deque
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -151,6 +151,8 @@ class HingeCalibrator:
             record = stream.estimate(gyr_std, settings.acc_bias_std, starts)
             self._estimate = None if record is None else Estimate.of(record)
         step = decider.step(self._estimate, time_s, stream)
+        if self._estimate is None:
+            step = replace(step, why=step.why + self._slow_samples())
         self._history.append(step)
         if step.verdict is Verdict.MOUNTING_CHANGED and step.axis1 is not None:
             stream.restart()
@@ -158,6 +160,13 @@ class HingeCalibrator:
             self._estimate = None
         stream.next_step()
         self._result = None
+
+    def _slow_samples(self) -> tuple[str, ...]:
+        """A rate that is far from the truth makes every sample look like a gap: say so."""
+        step_s = self._stream.mean_step_s
+        if step_s is None or step_s * self._rate_hz < 1.5:
+            return ()
+        return (f"the samples come at {1.0 / step_s:.4g} Hz on average, not at rate_hz={self._rate_hz:g}",)
 
     def result(self) -> HingeCalibration:
         """The latest result, as `push` returns it."""
@@ -256,6 +265,12 @@ def _as_array(name: str, value: object) -> Array:
 
 def _new_stream(rate_hz: float, settings: HingeSettings) -> _core.HingeStream:
     published = settings.acceptance == "published"
+    kernel = rate_hz / settings.lowpass_hz if settings.lowpass_hz else 0.0
+    if max(kernel, settings.window_s * rate_hz) > 1e6:
+        raise InputError(
+            f"rate_hz={rate_hz:g} makes the windows of lowpass_hz={settings.lowpass_hz} and window_s={settings.window_s:g} "
+            "longer than a million samples"
+        )
     return _core.HingeStream(
         rate_hz=rate_hz,
         lowpass_hz=settings.lowpass_hz or 0.0,
@@ -265,6 +280,7 @@ def _new_stream(rate_hz: float, settings: HingeSettings) -> _core.HingeStream:
         always_quiet=not published,
         settle_pairing=not published,
         bias_from_rest=settings.bias_from_rest,
+        max_iterations=settings.max_iterations,
         weight_ratio=settings.weight_ratio,
         rate_scale=settings.rate_scale,
         offset_prior=settings.offset_prior,

@@ -4,26 +4,30 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from numbers import Integral, Real
-from typing import Any
 
 from imufast.errors import SettingsError
 
 __all__ = ["AxisSettings", "HingeSettings"]
 
 
-def check_number(name: str, value: object, low: float, high: float, *, low_open: bool = False) -> None:
-    """Refuse what is not a real number within [low, high]."""
-    if isinstance(value, bool) or not isinstance(value, Real) or value != value:
+def check_number(name: str, value: object, low: float, high: float, *, low_open: bool = False) -> float:
+    """The value as a plain float; what is not a real number within [low, high] is refused."""
+    if isinstance(value, bool) or not isinstance(value, Real):
         raise SettingsError(f"{name} must be a number, got {value!r}")
-    number: Any = value
+    try:
+        number = float(value)
+    except OverflowError:
+        number = float("nan")
     if not low <= number <= high or (low_open and number == low):
         raise SettingsError(f"{name} must be between {low:g} and {high:g}, got {value!r}")
+    return number
 
 
-def check_count(name: str, value: object, low: int, high: int) -> None:
-    """Refuse what is not a whole number within [low, high]."""
+def check_count(name: str, value: object, low: int, high: int) -> int:
+    """The value as a plain int; what is not a whole number within [low, high] is refused."""
     if isinstance(value, bool) or not isinstance(value, Integral) or not low <= int(value) <= high:
         raise SettingsError(f"{name} must be a whole number between {low} and {high}, got {value!r}")
+    return int(value)
 
 
 def check_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
@@ -66,22 +70,28 @@ class AxisSettings:
     energy_threshold: float = 1.0
     floor_deg: float = 0.5
 
+    def _number(self, name: str, low: float, high: float, *, low_open: bool = False) -> None:
+        object.__setattr__(self, name, check_number(name, getattr(self, name), low, high, low_open=low_open))
+
+    def _count(self, name: str, low: int, high: int) -> None:
+        object.__setattr__(self, name, check_count(name, getattr(self, name), low, high))
+
     def __post_init__(self) -> None:
-        check_number("weight_ratio", self.weight_ratio, 1e-12, 1e12)
+        self._number("weight_ratio", 1e-12, 1e12)
         check_choice("starts", self.starts, ("deterministic", "random"))
-        check_count("random_starts", self.random_starts, 1, 1_000_000)
-        check_count("seed", self.seed, 0, 2**63)
+        self._count("random_starts", 1, 1_000_000)
+        self._count("seed", 0, 2**63)
         if self.starts != "random" and (self.random_starts, self.seed) != (1, 0):
             raise SettingsError('seed and random_starts only mean something with starts="random"; leave them out')
         if self.lowpass_hz is not None:
-            check_number("lowpass_hz", self.lowpass_hz, 0.0, 1e6)
+            self._number("lowpass_hz", 0.0, 1e6)
             if 0.0 < self.lowpass_hz < 0.01:
                 raise SettingsError(f"lowpass_hz must be 0 (off) or at least 0.01, got {self.lowpass_hz!r}")
-        check_count("max_iterations", self.max_iterations, 1, 100_000)
-        check_count("max_samples", self.max_samples, 4, 10_000_000)
-        check_number("window_s", self.window_s, 0.0, 60.0)
-        check_number("floor_deg", self.floor_deg, 0.0, 90.0)
-        check_number("energy_threshold", self.energy_threshold, 0.0, 1e9, low_open=True)
+        self._count("max_iterations", 1, 100_000)
+        self._count("max_samples", 4, 10_000_000)
+        self._number("window_s", 0.0, 60.0)
+        self._number("floor_deg", 0.0, 90.0)
+        self._number("energy_threshold", 0.0, 1e9, low_open=True)
 
     @classmethod
     def as_published(cls) -> AxisSettings:
@@ -137,17 +147,17 @@ class HingeSettings(AxisSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_number("max_error_deg", self.max_error_deg, 0.0, 90.0, low_open=True)
-        check_number("max_error_approximate_deg", self.max_error_approximate_deg, 0.0, 90.0, low_open=True)
-        check_count("n_consistent", self.n_consistent, 1, 1_000_000)
-        check_number("step_s", self.step_s, 1e-3, 1e6)
-        check_number("hinge_misfit", self.hinge_misfit, 0.0, 10.0)
-        check_number("approximate_misfit", self.approximate_misfit, self.hinge_misfit, 10.0)
-        check_number("rate_scale", self.rate_scale, 0.0, float("inf"), low_open=True)
-        check_number("offset_prior", self.offset_prior, 0.0, float("inf"))
-        check_number("gyr_bias_std", self.gyr_bias_std, 0.0, 10.0)
-        check_number("gyr_bias_rest_std", self.gyr_bias_rest_std, 0.0, 10.0)
-        check_number("acc_bias_std", self.acc_bias_std, 0.0, 100.0)
+        self._number("max_error_deg", 0.0, 90.0, low_open=True)
+        self._number("max_error_approximate_deg", 0.0, 90.0, low_open=True)
+        self._count("n_consistent", 1, 1_000_000)
+        self._number("step_s", 1e-3, 1e6)
+        self._number("hinge_misfit", 0.0, 10.0)
+        self._number("approximate_misfit", self.hinge_misfit, 10.0)
+        self._number("rate_scale", 0.0, float("inf"), low_open=True)
+        self._number("offset_prior", 0.0, float("inf"))
+        self._number("gyr_bias_std", 0.0, 10.0)
+        self._number("gyr_bias_rest_std", 0.0, 10.0)
+        self._number("acc_bias_std", 0.0, 100.0)
         if not isinstance(self.bias_from_rest, bool):
             raise SettingsError(f"bias_from_rest must be True or False, got {self.bias_from_rest!r}")
         check_choice("acceptance", self.acceptance, ("calibrated", "published"))

@@ -58,8 +58,8 @@ impl Rest {
         let still = variance < GYR_STD * GYR_STD && size < GYR_MEAN * GYR_MEAN;
         if still && crate::so3::angle_between(&first, &second) < TILT {
             self.windows = (self.windows + 1.0).min(WINDOWS);
-            for k in 0..3 {
-                self.bias[k] += (mean[k] - self.bias[k]) / self.windows;
+            for (bias, mean) in self.bias.iter_mut().zip(mean) {
+                *bias += (mean - *bias) / self.windows;
             }
         }
         self.reset();

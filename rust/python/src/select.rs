@@ -38,9 +38,11 @@ pub fn select_samples<'py>(
     equal_lengths(&[("gyr1", gyr1.len()), ("acc1", acc1.len()), ("gyr2", gyr2.len()), ("acc2", acc2.len())])?;
     let time = vector(&time_s, gyr1.len(), "time_s")?;
     positive(rate_hz, "rate_hz")?;
-    if !(0.0..=time.len() as f64 / rate_hz + 1.0).contains(&window_s) {
-        return Err(PyValueError::new_err(format!("window_s must be from 0 to the length of the data, got {window_s}")));
+    if window_s.is_nan() || window_s < 0.0 {
+        return Err(PyValueError::new_err(format!("window_s must not be negative, got {window_s}")));
     }
+    // A window longer than the data is never complete, however much longer it is.
+    let window_s = window_s.min((time.len() + 2) as f64 / rate_hz);
     let (gyr, acc, gyr_score, acc_score) = py.detach(|| {
         let mut window = ScoreWindow::new(window_samples(window_s, rate_hz));
         let few = time.len() <= max_samples;

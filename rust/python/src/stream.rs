@@ -131,6 +131,7 @@ impl HingeStream {
         always_quiet: bool,
         settle_pairing: bool,
         bias_from_rest: bool,
+        max_iterations: usize,
         weight_ratio: f64,
         rate_scale: f64,
         offset_prior: f64,
@@ -138,9 +139,6 @@ impl HingeStream {
     ) -> PyResult<Self> {
         positive(rate_hz, "rate_hz")?;
         positive(step_s, "step_s")?;
-        if lowpass_hz > 0.0 && rate_hz / lowpass_hz > 1e6 || window_s * rate_hz > 1e8 {
-            return Err(PyValueError::new_err(format!("rate_hz {rate_hz} needs too long a window")));
-        }
         let weights = Weights { ratio: weight_ratio, rate_scale, offset_prior };
         let settings = StreamSettings {
             rate_hz,
@@ -151,8 +149,14 @@ impl HingeStream {
             always_quiet,
             settle_pairing,
             bias_from_rest,
+            max_iterations,
             weights,
         };
+        if !settings.windows_are_bounded() {
+            return Err(PyValueError::new_err(format!(
+                "rate_hz {rate_hz} makes the windows of lowpass_hz {lowpass_hz} and window_s {window_s} longer than 1000000 samples"
+            )));
+        }
         let core = Core::new(settings);
         let state = State {
             core,
@@ -244,6 +248,13 @@ impl HingeStream {
     #[getter]
     fn latest_s(&self) -> f64 {
         self.lock().latest_s
+    }
+
+    /// Mean time between samples, s; None before the second.
+    #[getter]
+    fn mean_step_s(&self) -> Option<f64> {
+        let state = self.lock();
+        (state.count > 1).then(|| (state.latest_s - state.first_s) / (state.count - 1) as f64)
     }
 
     /// Samples that joined the selection since the last estimate, and how many are selected.

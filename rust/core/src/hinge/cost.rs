@@ -139,6 +139,12 @@ impl Weights {
     pub fn published(ratio: f64) -> Self {
         Self { ratio, rate_scale: f64::INFINITY, offset_prior: f64::INFINITY }
     }
+
+    /// What the sum of so many residuals is multiplied with to give the constant difference.
+    fn mean_share(&self, count: usize) -> f64 {
+        let weight = count as f64 + self.offset_prior;
+        if weight > 0.0 { 1.0 / weight } else { 0.0 }
+    }
 }
 
 impl HingeCost {
@@ -192,7 +198,7 @@ impl HingeCost {
             gyr: channels,
             gyr_pieces,
             plain_energy,
-            acc_gram: gram - acc_sum * acc_sum.transpose() / (acc_count as f64 + weights.offset_prior),
+            acc_gram: gram - acc_sum * acc_sum.transpose() * weights.mean_share(acc_count),
             acc_sum,
             acc_count,
             acc_pieces,
@@ -212,7 +218,7 @@ impl HingeCost {
 
     /// The best constant difference of the accelerations along the axes, m/s²; zero as published.
     pub fn acc_offset(&self, axes: &AxisPair) -> f64 {
-        stack(axes).dot(&self.acc_sum) / (self.acc_count as f64 + self.weights.offset_prior)
+        stack(axes).dot(&self.acc_sum) * self.weights.mean_share(self.acc_count)
     }
 
     /// Whether every cost will be a finite number: the data are finite and do not overflow.
@@ -351,12 +357,7 @@ impl HingeCost {
             gyr += jac * response.transpose();
         }
         // What the profiled offset does not take up.
-        let n = self.acc_count as f64;
-        let left = if self.weights.offset_prior.is_finite() {
-            self.weights.offset_prior / (n + self.weights.offset_prior)
-        } else {
-            1.0
-        };
+        let left = 1.0 - self.acc_count as f64 * self.weights.mean_share(self.acc_count);
         (gyr, tangent.stacked().transpose() * self.acc_sum * (left * self.squared_weights().1))
     }
 }

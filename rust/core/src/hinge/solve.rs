@@ -145,13 +145,13 @@ fn descend_unless_known(
 ) -> AxisPair {
     let known = |axes: &AxisPair, minima: &[Minimum]| minima.iter().any(|m| same_axes(axes, &m.axes, options.distinct_angle));
     let mut axes = start;
+    if known(&axes, &found.minima) {
+        return axes;
+    }
     let mut here = evaluate(cost, &axes);
     let mut status = Status::MaxIterations;
     let mut iterations = 0;
     while iterations < options.max_iterations {
-        if known(&axes, &found.minima) {
-            return axes;
-        }
         if !go_on() {
             status = Status::Interrupted;
             break;
@@ -176,6 +176,9 @@ fn descend_unless_known(
             Some((next, there)) => {
                 axes = next;
                 here = there;
+                if known(&axes, &found.minima) {
+                    return axes;
+                }
             }
             None => {
                 // Near the floor of rounding the cost cannot tell the points apart: that is the minimum.

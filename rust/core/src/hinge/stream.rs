@@ -39,6 +39,8 @@ pub struct StreamSettings {
     pub settle_pairing: bool,
     /// Whether rest, when there is any, corrects the gyroscopes.
     pub bias_from_rest: bool,
+    /// Gauss–Newton iterations of one descent.
+    pub max_iterations: usize,
     /// Weights of the residuals.
     pub weights: Weights,
 }
@@ -49,27 +51,41 @@ impl StreamSettings {
         if self.lowpass_hz > 0.0 { ((self.rate_hz / (6.0 * self.lowpass_hz)) as usize).max(1) } else { 1 }
     }
 
+    /// Whether the low-pass and the scores need no more memory than a wearable has.
+    pub fn windows_are_bounded(&self) -> bool {
+        const MOST_SAMPLES: f64 = 1e6;
+        let kernel = if self.lowpass_hz > 0.0 { self.rate_hz / self.lowpass_hz } else { 0.0 };
+        kernel <= MOST_SAMPLES && self.window_s >= 0.0 && self.window_s * self.conditioned_hz() <= MOST_SAMPLES
+    }
+
     /// Rate of the conditioned samples, Hz.
     fn conditioned_hz(&self) -> f64 {
         self.rate_hz / self.every() as f64
     }
 
     /// Low-passed neighbours tell nearly the same: one in so many conditioned samples, three a period of the cut-off, is
-    /// offered to the selections and the memories.
-    fn stride(&self) -> u64 {
-        if self.lowpass_hz > 0.0 {
-            ComplexField::round(self.conditioned_hz() / (3.125 * self.lowpass_hz)).max(1.0) as u64
-        } else {
-            1
-        }
+    /// offered to the selections; without a low-pass all.
+    fn selection_stride(&self) -> u64 {
+        if self.lowpass_hz > 0.0 { stride(self.conditioned_hz(), 3.125 * self.lowpass_hz) } else { 1 }
     }
 
-    /// Rate at which samples are offered to the selections and the memories, Hz.
-    pub fn offered_hz(&self) -> f64 {
-        self.conditioned_hz() / self.stride() as f64
+    /// One in so many conditioned samples is offered to the memory of motion.
+    fn memory_stride(&self) -> u64 {
+        stride(self.conditioned_hz(), MOVING_HZ)
+    }
+
+    /// Rate at which samples are offered to the memory of motion, Hz.
+    pub fn memory_hz(&self) -> f64 {
+        self.conditioned_hz() / self.memory_stride() as f64
     }
 }
 
+fn stride(rate_hz: f64, wanted_hz: f64) -> u64 {
+    ComplexField::round(rate_hz / wanted_hz).max(1.0) as u64
+}
+
+/// Motion is remembered at about this rate, Hz.
+const MOVING_HZ: f64 = 12.5;
 /// An instant moves when the faster sensor turns faster than this, rad/s...
 const MOVING_RATE: f64 = 0.3;
 /// ...and the two sensors' rates differ by more than this, rad/s.
@@ -153,15 +169,16 @@ impl HingeStream {
         for (sensor, rest) in self.rest.iter_mut().enumerate() {
             rest.push(sample, 6 * sensor, self.settings.conditioned_hz());
         }
-        let offered = self.count.is_multiple_of(self.settings.stride());
+        let selectable = self.count.is_multiple_of(self.settings.selection_stride());
+        let memorable = self.count.is_multiple_of(self.settings.memory_stride());
         self.count += 1;
         let scored = self.window.push(time, sample);
-        if offered {
-            if let Some(scored) = scored {
-                let gyr = self.gyr.push(Candidate::gyr(self.count, scored.time, &scored.sample, scored.gyr_score));
-                let acc = self.acc.push(Candidate::acc(self.count, scored.time, &scored.sample, scored.acc_score));
-                self.changes += u64::from(gyr) + u64::from(acc);
-            }
+        if let Some(scored) = scored.filter(|_| selectable) {
+            let gyr = self.gyr.push(Candidate::gyr(self.count, scored.time, &scored.sample, scored.gyr_score));
+            let acc = self.acc.push(Candidate::acc(self.count, scored.time, &scored.sample, scored.acc_score));
+            self.changes += u64::from(gyr) + u64::from(acc);
+        }
+        if memorable {
             self.remember_motion(sample);
         }
         self.stretch.samples.push(*sample);
@@ -217,7 +234,7 @@ impl HingeStream {
         witness(
             self.moving.entries().iter(),
             (self.recent.len() >= RECENT_ENOUGH).then(|| self.recent.iter()),
-            self.moving.seen() as f64 / self.settings.offered_hz(),
+            self.moving.seen() as f64 / self.settings.memory_hz(),
             axes,
         )
     }
@@ -248,7 +265,12 @@ impl HingeStream {
             self.acc.chosen().iter().map(|c| (c.time, &c.values[0], &c.values[1])),
         );
         // A step's result need not be finer than a ten-thousandth of its bound.
-        let options = SolveOptions { step_tolerance: 1e-5, gain_tolerance: 1e-9, ..SolveOptions::default() };
+        let options = SolveOptions {
+            step_tolerance: 1e-5,
+            gain_tolerance: 1e-9,
+            max_iterations: self.settings.max_iterations,
+            ..SolveOptions::default()
+        };
         // The landscape is searched anew once a tenth of the samples is new; until then its valleys are followed.
         let search = self.minima.is_empty() || self.unsearched as usize * 10 >= self.selected();
         let known: Vec<AxisPair> = self.minima.iter().map(|m| m.axes).collect();
@@ -283,12 +305,8 @@ impl HingeStream {
         }
         let stream: Self = postcard::from_bytes(body).ok()?;
         let settings = stream.settings;
-        let sound = settings.rate_hz > 0.0
-            && settings.rate_hz < 1e9
-            && settings.lowpass_hz >= 0.0
-            && (settings.lowpass_hz == 0.0 || settings.rate_hz / settings.lowpass_hz < 1e6)
-            && (0.0..1e4).contains(&settings.window_s)
-            && settings.window_s * settings.rate_hz < 1e8;
+        let sound =
+            settings.rate_hz > 0.0 && settings.rate_hz < 1e9 && settings.lowpass_hz >= 0.0 && settings.windows_are_bounded();
         let fresh = sound.then(|| Self::new(settings))?;
         let fits = stream.conditioner.fits(&fresh.conditioner)
             && stream.window.fits(&fresh.window)

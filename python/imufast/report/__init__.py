@@ -1,0 +1,63 @@
+"""The report of a calibration: one self-contained HTML file for people, and a JSON twin for programs.
+
+The page needs the extra `report` (matplotlib, jinja2); the JSON twin needs numpy alone.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from imufast.report.content import Pair, report_json
+from imufast.report.files import write_text
+
+if TYPE_CHECKING:
+    from imufast.hinge import HingeCalibration
+
+__all__ = ["report_json", "write_json", "write_report"]
+
+
+def write_report(
+    result: HingeCalibration,
+    path: str | os.PathLike[str],
+    *,
+    recording: Pair | None = None,
+    title: str | None = None,
+    warnings: Iterable[str] = (),
+) -> None:
+    """Write what a calibration found as one HTML file that needs nothing else: no network, no scripts.
+
+    The verdict in words, axes with bounds, what acceptance rests on or what stands in its way, figures over the recording's
+    time, settings, and what the numbers do not cover. The file is written whole or not at all.
+
+    Args:
+        result: what `calibrate_hinge` or `HingeCalibrator` gave.
+        path: the file to write; an existing one is replaced.
+        recording: the two sensors it was made from, a pair of Imus or a Recording of two: adds their names and how the joint
+            turned.
+        title: of the report.
+        warnings: what else the reader should know, one sentence each.
+
+    Raises:
+        InputError: an argument of the wrong kind, or a path that cannot be written.
+        ImufastError: the extra `report` is not installed.
+    """
+    from imufast.report.page import html
+
+    write_text(path, html(report_json(result, recording=recording, title=title, warnings=warnings)))
+
+
+def write_json(
+    result: HingeCalibration,
+    path: str | os.PathLike[str],
+    *,
+    recording: Pair | None = None,
+    title: str | None = None,
+    warnings: Iterable[str] = (),
+    max_points: int | None = 2000,
+) -> None:
+    """Write `report_json` as a file, whole or not at all. Arguments and exceptions as there and in `write_report`."""
+    plain = report_json(result, recording=recording, title=title, warnings=warnings, max_points=max_points)
+    write_text(path, json.dumps(plain, allow_nan=False, indent=1) + "\n")

@@ -1,0 +1,80 @@
+"""The page: plain data and figures poured into the template. What comes from files is escaped by the template engine."""
+
+from __future__ import annotations
+
+import math
+from importlib.resources import files
+from typing import Any
+
+from imufast.errors import ImufastError
+from imufast.report.words import duration
+
+__all__ = ["check_extra", "html"]
+
+LIMITLESS = ("rate_scale", "offset_prior")
+"""Settings that may be infinite, which plain JSON holds as null."""
+
+
+def check_extra() -> None:
+    """Refuse with advice if matplotlib or jinja2 is missing.
+
+    Raises:
+        ImufastError: one of them is.
+    """
+    try:
+        import jinja2
+        import matplotlib.figure  # noqa: F401
+    except ImportError as missing:
+        name = (missing.name or "matplotlib or jinja2").partition(".")[0]
+        raise ImufastError(f"a report needs {name}: pip install 'imufast[report]'") from None
+    del jinja2
+
+
+def html(report: dict[str, Any]) -> str:
+    """The report as one page that needs nothing else."""
+    check_extra()
+    import jinja2
+
+    from imufast.report.axes_figure import axis_picture
+    from imufast.report.figures import timeline
+
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters |= {"number": _number, "duration": duration, "setting": _setting}
+    template = environment.from_string(files("imufast.report").joinpath("page.html.j2").read_text(encoding="utf-8"))
+    sensors = [
+        {
+            "number": i,
+            "name": report["sensors"][i - 1],
+            "axis": report[f"axis{i}"],
+            "bound": report["bound95_deg"][i - 1] if report["bound95_deg"] else None,
+            "bias_deg_s": _degrees(report[f"gyr_bias{i}_rad_s"]),
+            # The one kind of text that goes in as it is: drawn here, from numbers alone.
+            "picture": jinja2.utils.markupsafe.Markup(axis_picture(report, i) or ""),  # noqa: S704
+        }
+        for i in (1, 2)
+    ]
+    drawn = jinja2.utils.markupsafe.Markup(timeline(report))  # noqa: S704
+    return template.render(report=report, sensors=sensors, timeline=drawn, tone=_tone(report), limitless=LIMITLESS)
+
+
+def _tone(report: dict[str, Any]) -> str:
+    if report["accepted"]:
+        return "good"
+    return "bad" if report["verdict"] in ("NOT_A_HINGE", "MOUNTING_CHANGED") else "open"
+
+
+def _degrees(vector: list[float] | None) -> list[float] | None:
+    return None if vector is None else [math.degrees(value) for value in vector]
+
+
+def _number(value: float | None, form: str = ".3g") -> str:
+    """A number for people, with a true minus sign; a dash where there is none."""
+    return "–" if value is None else format(value, form).replace("-", "−")
+
+
+def _setting(value: Any, name: str) -> str:
+    if value is None:
+        return "no limit" if name in LIMITLESS else "off"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:g}" if isinstance(value, float) else str(value)
