@@ -3,10 +3,9 @@
 use imufast_core::{
     Xyz,
     hinge::{
-        AxisPair, Evidence, HingeCost, Minimum, SolveOptions, Status, Weights,
-        cost::gyr_residual,
-        deterministic_starts,
+        AxisPair, Evidence, HingeCost, Minimum, SolveOptions, Status, Weights, deterministic_starts,
         evidence::{angular_deviation as deviation, tangent_covariance},
+        residual::gyr_residual,
         solve,
     },
 };

@@ -1,98 +1,18 @@
-//! Residuals and Jacobians of the hinge constraints (eqs 24–25 with the second accelerometer as corrected, 36–39), as the
-//! normal equations of a step on the tangent planes of the two axes.
+//! The cost V (eqs 22–25): which samples, with which weights, and what each piece of time adds.
 
 use alloc::vec::Vec;
-use nalgebra::{ComplexField, Matrix3, Matrix4, Matrix4x6, Matrix6, Matrix6x4, Vector2, Vector3, Vector4, Vector6};
+use nalgebra::{ComplexField, Matrix4x6, Matrix6, Vector3, Vector4, Vector6};
 use serde::{Deserialize, Serialize};
 
-use crate::{
-    Xyz,
-    so3::{retract, tangent_basis},
+use super::{
+    axes::{AxisPair, Tangent, stack},
+    residual::{NormalEquations, acc_row, gyr_normal_equations, gyr_residual},
 };
-
-/// The hinge axis in both sensor frames, unit vectors with one common sign.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct AxisPair {
-    /// In sensor frame 1.
-    pub j1: Vector3<f64>,
-    /// In sensor frame 2.
-    pub j2: Vector3<f64>,
-}
-
-impl AxisPair {
-    /// Both vectors scaled to unit length; a vector without a direction (zero, not finite) becomes x.
-    pub fn new(j1: Vector3<f64>, j2: Vector3<f64>) -> Self {
-        let unit = |v: Vector3<f64>| {
-            let scaled = v / v.amax(); // so that no square overflows
-            if scaled.iter().all(|x| x.is_finite()) { scaled.normalize() } else { Vector3::x() }
-        };
-        Self { j1: unit(j1), j2: unit(j2) }
-    }
-
-    /// The opposite sign pairing, where Algorithm 1 starts again (eq. 28).
-    pub fn other_sign_pair(&self) -> Self {
-        Self { j1: self.j1, j2: -self.j2 }
-    }
-
-    /// The same axis with the overall sign turned.
-    pub fn flipped(&self) -> Self {
-        Self { j1: -self.j1, j2: -self.j2 }
-    }
-
-    /// The canonical one of the two overall signs: the largest component of `j1` is positive.
-    pub fn canonical(&self) -> Self {
-        if self.j1[self.j1.iamax()] < 0.0 { self.flipped() } else { *self }
-    }
-
-    /// The tangent planes of both axes.
-    pub fn tangent(&self) -> Tangent {
-        Tangent { b1: tangent_basis(&self.j1), b2: tangent_basis(&self.j2) }
-    }
-
-    /// The pair reached by a tangent step (two components for each axis).
-    pub fn step(&self, tangent: &Tangent, step: &Vector4<f64>) -> Self {
-        Self {
-            j1: retract(&self.j1, &tangent.b1, &Vector2::new(step[0], step[1])),
-            j2: retract(&self.j2, &tangent.b2, &Vector2::new(step[2], step[3])),
-        }
-    }
-}
-
-/// Orthonormal bases of the tangent planes at an [`AxisPair`].
-#[derive(Clone, Copy, Debug)]
-pub struct Tangent {
-    /// At `j1`, in sensor frame 1.
-    pub b1: nalgebra::Matrix3x2<f64>,
-    /// At `j2`, in sensor frame 2.
-    pub b2: nalgebra::Matrix3x2<f64>,
-}
-
-impl Tangent {
-    /// The 6×4 matrix that takes a tangent step to the stacked change of `(j1, j2)`.
-    pub fn stacked(&self) -> Matrix6x4<f64> {
-        let mut b = Matrix6x4::zeros();
-        b.fixed_view_mut::<3, 2>(0, 0).copy_from(&self.b1);
-        b.fixed_view_mut::<3, 2>(3, 2).copy_from(&self.b2);
-        b
-    }
-}
+use crate::Xyz;
 
 /// Samples closer in time than this are one *piece*, s. The residuals of a piece share their causes (one movement, one
 /// bias), so a piece counts as one observation where uncertainty is judged.
 pub const PIECE_S: f64 = 1.0;
-
-/// Half the cost, its gradient and its Gauss–Newton Hessian in the tangent planes: `V/2`, `Jᵀe`, `JᵀJ`.
-#[derive(Clone, Copy, Debug)]
-pub struct NormalEquations {
-    /// Half the sum of squared residuals.
-    pub half_cost: f64,
-    /// Sum of the residuals (of one kind, unweighted).
-    pub sum: f64,
-    /// `Jᵀe`.
-    pub gradient: Vector4<f64>,
-    /// `JᵀJ`.
-    pub hessian: Matrix4<f64>,
-}
 
 /// The cost V of eqs 22–25 over a set of gyroscope samples and a set of accelerometer samples.
 ///
@@ -350,7 +270,7 @@ impl HingeCost {
             let (_, jac) = gyr_residual(&gyr1, &gyr2, axes, tangent);
             let across = |gyr: &Vector3<f64>, b: &nalgebra::Matrix3x2<f64>| {
                 let p = b * (b.transpose() * gyr);
-                p.try_normalize(TINY).unwrap_or_default()
+                p.try_normalize(1e-150).unwrap_or_default()
             };
             let (d1, d2) = (across(&gyr1, &tangent.b1), across(&gyr2, &tangent.b2));
             let response = Vector6::new(d1.x, d1.y, d1.z, -d2.x, -d2.y, -d2.z) * (weight * self.squared_weights().0);
@@ -375,150 +295,4 @@ pub struct Piece {
 
 fn norm(v: &Xyz) -> f64 {
     ComplexField::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-}
-
-fn gyr_normal_equations(gyr: [&[f64]; 6], axes: &AxisPair, tangent: &Tangent) -> NormalEquations {
-    let frame = [frame_rows(&axes.j1, &tangent.b1), frame_rows(&axes.j2, &tangent.b2)];
-    let s = sum_gyr(gyr, &frame);
-    let hessian = Matrix4::new(
-        s[5], s[6], -s[7], -s[8], //
-        s[6], s[9], -s[10], -s[11], //
-        -s[7], -s[10], s[12], s[13], //
-        -s[8], -s[11], s[13], s[14],
-    );
-    NormalEquations { half_cost: 0.5 * s[0], sum: s[15], gradient: Vector4::new(-s[1], -s[2], s[3], s[4]), hessian }
-}
-
-/// The axes stacked, `[j1; j2]`.
-pub fn stack(axes: &AxisPair) -> Vector6<f64> {
-    Vector6::new(axes.j1.x, axes.j1.y, axes.j1.z, axes.j2.x, axes.j2.y, axes.j2.z)
-}
-
-/// A row of A: `[a1ᵀ, −a2ᵀ]` (eq. 53).
-pub fn acc_row(acc1: &Xyz, acc2: &Xyz) -> Vector6<f64> {
-    Vector6::new(acc1[0], acc1[1], acc1[2], -acc2[0], -acc2[1], -acc2[2])
-}
-
-/// Unweighted gyroscope residual (eq. 24) and its tangent Jacobian for one sample.
-///
-/// With `(u, v, w) = (b1·ω, b2·ω, j·ω)` the norm is `‖ω×j‖ = √(u²+v²)` and its tangent gradient `−w (u, v)/√(u²+v²)`: eq. 37
-/// written in the frame of the axis, free of cancellation. Where ω is parallel to j the norm has no gradient and that
-/// sensor's block is zero.
-pub fn gyr_residual(gyr1: &Vector3<f64>, gyr2: &Vector3<f64>, axes: &AxisPair, tangent: &Tangent) -> (f64, Vector4<f64>) {
-    let side = |gyr: &Vector3<f64>, j: &Vector3<f64>, b: &nalgebra::Matrix3x2<f64>| {
-        let p = b.transpose() * gyr;
-        let n = p.norm();
-        let slope = if n > 0.0 { -j.dot(gyr) / n } else { 0.0 };
-        (n, p * slope)
-    };
-    let (n1, d1) = side(gyr1, &axes.j1, &tangent.b1);
-    let (n2, d2) = side(gyr2, &axes.j2, &tangent.b2);
-    (n1 - n2, Vector4::new(d1.x, d1.y, -d2.x, -d2.y))
-}
-
-/// Rows b1, b2, j of the frame of an axis.
-fn frame_rows(j: &Vector3<f64>, b: &nalgebra::Matrix3x2<f64>) -> Matrix3<f64> {
-    Matrix3::from_columns(&[b.column(0).into(), b.column(1).into(), *j]).transpose()
-}
-
-/// `[Σe², Σ d e (4), Σ d dᵀ (10, upper triangle by rows), Σe]` over all samples, where `J = (−d₁, −d₂, d₃, d₄)`: the signs wait
-/// until the sums are done.
-fn sum_gyr(gyr: [&[f64]; 6], frame: &[Matrix3<f64>; 2]) -> [f64; 16] {
-    #[cfg(all(feature = "std", target_arch = "x86_64"))]
-    if std::arch::is_x86_feature_detected!("avx2") {
-        // SAFETY: the processor has the feature that the function was compiled for, as just asked.
-        return unsafe { sum_gyr_avx2(gyr, frame) };
-    }
-    sum_gyr_chunks(gyr, frame)
-}
-
-/// The same source with wider registers; no fused operations, so the same bits.
-#[cfg(all(feature = "std", target_arch = "x86_64"))]
-#[target_feature(enable = "avx2")]
-fn sum_gyr_avx2(gyr: [&[f64]; 6], frame: &[Matrix3<f64>; 2]) -> [f64; 16] {
-    sum_gyr_chunks(gyr, frame)
-}
-
-/// Samples that go through the arithmetic together before they are summed: enough to keep the vector units busy, few enough
-/// to stay in the nearest cache.
-const CHUNK: usize = 32;
-/// Partial sums of one total. Fixed, so that the order of every sum is the same on every machine.
-const LANES: usize = 4;
-type Chunk = [f64; CHUNK];
-
-#[inline(always)]
-fn sum_gyr_chunks(gyr: [&[f64]; 6], frame: &[Matrix3<f64>; 2]) -> [f64; 16] {
-    let mut sums = [[0.0; LANES]; 16];
-    let mut work = Work { e: [0.0; CHUNK], other: [0.0; CHUNK], d: [[0.0; CHUNK]; 4] };
-    let mut tail = [[0.0; CHUNK]; 6]; // zero rates contribute exactly nothing
-    let count = gyr[0].len();
-    let mut start = 0;
-    while start < count {
-        let chunk: [&Chunk; 6] = if start + CHUNK <= count {
-            gyr.map(|channel| channel[start..].first_chunk().unwrap_or(&[0.0; CHUNK]))
-        } else {
-            for (padded, channel) in tail.iter_mut().zip(gyr) {
-                padded[..count - start].copy_from_slice(&channel[start..]);
-            }
-            tail.each_ref()
-        };
-        add_chunk(&mut sums, &mut work, chunk, frame);
-        start += CHUNK;
-    }
-    sums.map(|s| (s[0] + s[1]) + (s[2] + s[3]))
-}
-
-/// Room for the residuals and derivatives of one chunk, made once for all.
-struct Work {
-    e: Chunk,
-    other: Chunk,
-    d: [Chunk; 4],
-}
-
-#[inline(always)]
-fn add_chunk(sums: &mut [[f64; LANES]; 16], work: &mut Work, gyr: [&Chunk; 6], frame: &[Matrix3<f64>; 2]) {
-    let Work { e, other, d } = work;
-    let [d1, d2, d3, d4] = d;
-    norm_and_descent([gyr[0], gyr[1], gyr[2]], &frame[0], e, d1, d2);
-    norm_and_descent([gyr[3], gyr[4], gyr[5]], &frame[1], other, d3, d4);
-    for (e, other) in e.iter_mut().zip(other) {
-        *e -= *other;
-    }
-    add_products(&mut sums[0], e, e);
-    add_products(&mut sums[15], e, &[1.0; CHUNK]);
-    let mut next = 5;
-    for a in 0..4 {
-        add_products(&mut sums[1 + a], &d[a], e);
-        for b in a..4 {
-            add_products(&mut sums[next], &d[a], &d[b]);
-            next += 1;
-        }
-    }
-}
-
-#[inline(always)]
-fn add_products(sum: &mut [f64; LANES], a: &Chunk, b: &Chunk) {
-    for (a, b) in a.as_chunks::<LANES>().0.iter().zip(b.as_chunks::<LANES>().0) {
-        for l in 0..LANES {
-            sum[l] += a[l] * b[l];
-        }
-    }
-}
-
-/// Norms below this are as good as zero: ω is parallel to the axis, and dividing by it must stay finite.
-const TINY: f64 = 1e-150;
-
-/// `‖ω×j‖` and minus its two tangent derivatives for a chunk of samples (see [`gyr_residual`]).
-#[inline(always)]
-fn norm_and_descent(gyr: [&Chunk; 3], rows: &Matrix3<f64>, norm: &mut Chunk, d1: &mut Chunk, d2: &mut Chunk) {
-    let [x, y, z] = gyr;
-    for k in 0..CHUNK {
-        let along = |r: usize| rows[(r, 0)] * x[k] + rows[(r, 1)] * y[k] + rows[(r, 2)] * z[k];
-        let (u, v, w) = (along(0), along(1), along(2));
-        let n = ComplexField::sqrt(u * u + v * v);
-        let slope = w / if n > TINY { n } else { TINY };
-        norm[k] = n;
-        d1[k] = slope * u;
-        d2[k] = slope * v;
-    }
 }

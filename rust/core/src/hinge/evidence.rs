@@ -2,7 +2,10 @@
 
 use nalgebra::{ComplexField, Matrix2, Matrix4, Matrix6, RealField, SymmetricEigen, Vector4};
 
-use super::cost::{AxisPair, HingeCost, Piece, Tangent};
+use super::{
+    axes::{AxisPair, Tangent},
+    cost::{HingeCost, Piece},
+};
 
 /// Numbers that say how far to trust an estimate. Covariances are of the stacked axes `[j1; j2]` in sensor coordinates,
 /// singular along each axis; infinite where the data do not determine the axes or are too few to tell.

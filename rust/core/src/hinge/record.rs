@@ -4,8 +4,10 @@ use alloc::vec::Vec;
 use nalgebra::{ComplexField, Matrix6};
 
 use super::{
-    cost::{AxisPair, HingeCost, Piece, Weights, gyr_residual},
+    axes::AxisPair,
+    cost::{HingeCost, Piece, Weights},
     evidence::{Evidence, offset_covariances},
+    residual::gyr_residual,
     sign::PAIRING_DECIDED,
     solve::{Minimum, SolveOptions, refine},
 };

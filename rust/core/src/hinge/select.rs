@@ -4,7 +4,7 @@ use alloc::{collections::BinaryHeap, vec::Vec};
 use core::cmp::{Ordering, Reverse};
 use serde::{Deserialize, Serialize};
 
-use super::{cost::acc_row, prune::prune};
+use super::{prune::prune, residual::acc_row};
 use crate::{PairSample, Xyz};
 
 /// A sample that may be chosen.

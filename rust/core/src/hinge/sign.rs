@@ -14,7 +14,7 @@ use alloc::vec::Vec;
 use nalgebra::{Complex, ComplexField, Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::cost::AxisPair;
+use super::axes::AxisPair;
 use crate::{PairSample, Xyz};
 
 /// Evidence for a pairing beyond this (a third more left unexplained by the other) settles it.

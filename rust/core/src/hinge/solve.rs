@@ -6,7 +6,7 @@ use core::cell::Cell;
 use nalgebra::{Matrix3, Matrix4, SymmetricEigen, Vector3, Vector4};
 use serde::{Deserialize, Serialize};
 
-use super::cost::{AxisPair, HingeCost, NormalEquations};
+use super::{axes::AxisPair, cost::HingeCost, residual::NormalEquations};
 use crate::so3::angle_between;
 
 /// Why a descent ended.
@@ -193,7 +193,7 @@ fn descend_unless_known(
     axes
 }
 
-type Point = (NormalEquations, super::cost::Tangent);
+type Point = (NormalEquations, super::axes::Tangent);
 
 fn evaluate(cost: &HingeCost, axes: &AxisPair) -> Point {
     let tangent = axes.tangent();

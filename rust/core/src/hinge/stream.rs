@@ -6,7 +6,8 @@ use nalgebra::ComplexField;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    cost::{AxisPair, HingeCost, Weights},
+    axes::AxisPair,
+    cost::{HingeCost, Weights},
     record::{Record, Witness, witness},
     scores::{ScoreWindow, window_samples},
     select::{AccSelection, Candidate, GyrSelection},

@@ -2,7 +2,8 @@
 
 use imufast_core::hinge::{
     AxisPair, Weights,
-    cost::{NormalEquations, Tangent, acc_row, gyr_residual, stack},
+    axes::{Tangent, stack},
+    residual::{NormalEquations, acc_row, gyr_residual},
 };
 use nalgebra::{Matrix4, Matrix6, Vector3, Vector4, Vector6};
 

@@ -3,7 +3,7 @@
 use imufast_core::{
     hinge::{
         AxisPair, Evidence, SolveOptions, Status,
-        cost::stack,
+        axes::stack,
         deterministic_starts,
         evidence::{angular_deviation, tangent_covariance},
         solve::{same_axes, solve},
