@@ -73,3 +73,19 @@ def test_settings_in_the_documents_have_their_true_defaults(path: Path) -> None:
 def test_the_settings_of_the_axis_are_documented() -> None:
     text = (ROOT / "docs" / "hinge-axis.md").read_text(encoding="utf-8")
     assert re.search(r"^\| setting \| default \|", text, re.MULTILINE)
+
+
+def test_verdicts_in_the_documents_are_all_and_have_their_limits() -> None:
+    settings = imufast.HingeSettings()
+    for document in (ROOT / "README.md", ROOT / "docs" / "calibration.md"):
+        text = document.read_text(encoding="utf-8")
+        rows = dict(re.findall(r"^\| `([A-Z_]+)` \| (.+?) \|", text, re.MULTILINE))
+        assert set(rows) == {verdict.value for verdict in imufast.Verdict}
+    limits = (settings.hinge_misfit, settings.approximate_misfit)
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert f"| `HINGE` | up to {limits[0]:g} |" in readme
+    assert f"| `APPROXIMATE_HINGE` | {limits[0]:g} to {limits[1]:g} |" in readme
+    assert f"| `NOT_A_HINGE` | above {limits[1]:g} |" in readme
+    assert f"below {settings.max_error_deg:g}° in ten estimates" in readme
+    assert f"accepted below {settings.max_error_approximate_deg:g}°" in readme
+    assert settings.n_consistent == 10

@@ -78,11 +78,24 @@ def test_recordings_are_selected_as_the_literal_algorithms_select(shared_data: P
     check_against_the_literal_algorithms(real(shared_data, name, slice(0, 1000)), 150)
 
 
+PRUNED_EARLY = pytest.mark.xfail(
+    strict=True,
+    reason="bug: select_samples prunes for the first time at 2048 candidates, not at the end as Algorithm 3 does",
+)
+
+
+@PRUNED_EARLY
+def test_pruning_waits_for_all_candidates() -> None:
+    sim = simulate_hinge([3, 10], duration_s=25, seed=1)  # 2460 candidates, of which 1000 remain
+    check_against_the_literal_algorithms((sim.imu1, sim.imu2), 1000)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["1D_01", "1D_04", "2D_05", "3D_04"])
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("name", ["1D_01", *(pytest.param(n, marks=PRUNED_EARLY) for n in ("1D_04", "2D_05", "3D_04"))])
 def test_whole_recordings_are_selected_as_the_literal_algorithms_select(shared_data: Path, name: str) -> None:
     got = check_against_the_literal_algorithms(real(shared_data, name), 1000)
-    # 1D_04: of about 4800 quiet candidates 1000 remain.
+    # Quiet candidates: 182, 4768, 6826, 5185.
     assert len(got.gyr_index) == 1000
     assert len(got.acc_index) == min(1000, int((got.acc_score <= 1.0).sum()))
 
@@ -186,9 +199,10 @@ def test_no_loud_sample_is_chosen_for_its_gravity() -> None:
     assert len(nothing.gyr_index) == 500
 
 
+@pytest.mark.parametrize("kind", ["free", "parts"])
 @pytest.mark.parametrize("max_samples", [100, 333])
-def test_a_stream_chooses_the_same_gyroscope_samples(max_samples: int) -> None:
-    imu1, imu2 = simulated("gaps")
+def test_a_stream_chooses_the_same_gyroscope_samples(max_samples: int, kind: str) -> None:
+    imu1, imu2 = simulated(kind)
     got = select_samples(imu1, imu2, max_samples=max_samples)
     whole = calibrate_hinge(imu1, imu2, max_samples=max_samples, lowpass_hz=None, bias_from_rest=False)
     assert set(whole.gyr_time_s) == set(got.time_s[got.gyr_index])
@@ -198,8 +212,9 @@ def test_a_stream_chooses_the_same_gyroscope_samples(max_samples: int) -> None:
 def test_both_sensors_choose_alike_whichever_comes_first() -> None:
     imu1, imu2 = simulated("mixed")
     one, other = (select_samples(*pair, max_samples=300) for pair in ((imu1, imu2), (imu2, imu1)))
-    np.testing.assert_array_equal(one.gyr_index, other.gyr_index)
     np.testing.assert_array_equal(one.gyr_score, -other.gyr_score)
+    # Neighbours share a score (the smallest of a window), and of equals the other end of the list keeps others.
+    np.testing.assert_array_equal(np.sort(one.gyr_score[one.gyr_index]), np.sort(one.gyr_score[other.gyr_index]))
     np.testing.assert_array_equal(one.acc_index, other.acc_index)
 
 

@@ -12,6 +12,7 @@ from imufast.errors import FileFormatError, ImufastError, ImufastWarning, InputE
 from imufast.hinge import HingeCalibration, HingeCalibrator, calibrate_hinge
 from imufast.imu import Imu, ReadInfo, Recording
 from imufast.io import align, read
+from imufast.report import report_json, write_json, write_report
 from imufast.select import SampleSelection, select_samples
 from imufast.settings import AxisSettings, HingeSettings
 from imufast.simulate import HingeSimulation, Motion, SoftTissue, random_biases, simulate_hinge
@@ -48,7 +49,10 @@ __all__ = [
     "estimate_hinge_axis",
     "random_biases",
     "read",
+    "report_json",
     "select_samples",
     "simulate_hinge",
     "time_offset",
+    "write_json",
+    "write_report",
 ]

@@ -37,11 +37,13 @@ PAIRING_ACC = (2.0, 1.5)
 """Otherwise the accelerometers settle it: significance, and cost of the other pairing over this one's."""
 RIVAL = (1.64, 4.0)
 """A rival minimum is refuted by the significance or by the ratio of its cost."""
+DETERMINED_DEG = 25.0
+"""With a bound as wide as this, degrees, nothing is said: where one sensor rests, any motion looks like a hinge."""
 GRACE_STEPS = 3
 """An accepted run may fail so many steps, less one, before acceptance is revoked."""
-SLIP_RATIO, SLIP_MISFIT, SLIP_DEG, SLIP_STEPS = 4.0, 0.08, 6.0, 3
-"""A strap has slipped when present motion misfits the axes from before so many times more than its own, and more than this,
-its own axes lie this far away (degrees), and all that for so many steps."""
+SLIP_RATIO, SLIP_DEG, SLIP_STEPS = 3.0, 6.0, 3
+"""A strap has slipped when present motion is a hinge about its own axes but not about those from before, misfits these so many
+times more, its own lie this far away (degrees), and all that for so many steps."""
 
 
 class Verdict(str, Enum):
@@ -115,12 +117,12 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Past:
-    """Axes that were believed when the joint had moved so often; `bound_deg` None unless they were accepted as a hinge."""
+    """Axes that were accepted as a hinge when the joint had moved so often, and their bound."""
 
     seen: int
     axis1: list[float]
     axis2: list[float]
-    bound_deg: float | None
+    bound_deg: float
 
 
 def angle_deg(a: Sequence[float], b: Sequence[float]) -> float:
@@ -186,7 +188,7 @@ class Decider:
         return HingeStep(
             time_s=time_s,
             verdict=verdict,
-            accepted=self.accepted and verdict is not Verdict.MOUNTING_CHANGED,
+            accepted=self.accepted and not why,
             why=why,
             axis1=axis1,
             axis2=axis2,
@@ -226,7 +228,7 @@ class Decider:
             self.accepted_at_s = time_s
         why: tuple[str, ...] = () if small else (f"local uncertainty {bound.max():.3g}° is not below {limit:g}°",)
         why += () if steady else (f"the axes moved by {change:.3g}° since the last estimate",)
-        return (Verdict.HINGE if self.accepted else Verdict.NOT_ENOUGH_INFORMATION), why
+        return (Verdict.HINGE, ()) if self.accepted else (Verdict.NOT_ENOUGH_INFORMATION, why)
 
     def _calibrated(self, record: Estimate, facts: _Facts, time_s: float) -> tuple[Verdict, tuple[str, ...]]:
         verdict, why = self._verdict(record, facts)
@@ -245,7 +247,7 @@ class Decider:
             self.run += 1
         if not self.accepted:
             if self.run >= settings.n_consistent:
-                self.accepted_at_s, self.failed = time_s, 0
+                self.accepted_at_s, self.failed, why = time_s, 0, ()
             elif not why:
                 why = (f"{self.run} of {settings.n_consistent} estimates in a row agree so far",)
         else:
@@ -267,6 +269,8 @@ class Decider:
         blocks: tuple[str, ...] = ()
         if record.pieces < PIECES:
             blocks += (f"the estimate rests on {record.pieces} s of the recording; {PIECES} s are the least",)
+        if not facts.bound_deg < DETERMINED_DEG:
+            blocks += (f"the motion does not determine the axes yet: the bound is {facts.bound_deg:.0f}°",)
         significance, ratio = record.acc_pairing
         by_acc = abs(record.pairing) <= PAIRING_MOTION and significance > PAIRING_ACC[0] and ratio > PAIRING_ACC[1]
         if not (record.pairing > PAIRING_MOTION or by_acc):
@@ -280,32 +284,32 @@ class Decider:
     def _slipped(self, stream: _core.HingeStream, seen: int, verdict: Verdict, bound_deg: float) -> bool:
         """Whether the latest ten seconds of motion are those of another hinge than the one accepted before them."""
         assert self.axes is not None  # noqa: S101 - set by the caller
-        trusted = bound_deg if self.accepted and verdict is Verdict.HINGE else None
-        if self.past and self.past[-1].seen == seen:
-            self.past.pop()
-        self.past.append(Past(seen, self.axes[0].tolist(), self.axes[1].tolist(), trusted))
         window = _core.PRESENT_MOVING
+        if self.accepted and verdict is Verdict.HINGE:
+            if self.past and self.past[-1].seen == seen:
+                self.past.pop()
+            self.past.append(Past(seen, self.axes[0].tolist(), self.axes[1].tolist(), bound_deg))
+        # The latest axes that were trusted before these ten seconds; they stay when trust is lost.
         while len(self.past) > 1 and self.past[1].seen <= seen - window:
             self.past.popleft()
-        before = self.past[0]
-        slipped = False
-        if before.seen <= seen - window and before.bound_deg is not None:
-            slipped = self._contradicts(stream, before, before.bound_deg)
+        before = self.past[0] if self.past else None
+        slipped = before is not None and before.seen <= seen - window and self._contradicts(stream, before)
         self.slipping = self.slipping + 1 if slipped else 0
         return self.slipping >= SLIP_STEPS
 
-    def _contradicts(self, stream: _core.HingeStream, before: Past, bound_deg: float) -> bool:
+    def _contradicts(self, stream: _core.HingeStream, before: Past) -> bool:
         fit = stream.refit(before.axis1, before.axis2)
         if fit is None:
             return False
         misfit_before, misfit, axis1, axis2, deviation = fit
-        if misfit_before <= max(SLIP_RATIO * misfit, SLIP_MISFIT) or misfit >= self.settings.hinge_misfit:
+        hinge = self.settings.hinge_misfit
+        if misfit_before <= max(SLIP_RATIO * misfit, hinge) or misfit >= hinge:
             return False
         # The rates alone do not pair the signs: each axis is a line here.
         angles = [angle_deg(new, old) for new, old in ((axis1, before.axis1), (axis2, before.axis2))]
         apart = max(min(angle, 180.0 - angle) for angle in angles)
         fit_bound = max(math.degrees(mean + 2.0 * std) for mean, std in deviation)
-        return apart > max(SLIP_DEG, 2.0 * math.hypot(fit_bound, bound_deg))
+        return apart > max(SLIP_DEG, 2.0 * math.hypot(fit_bound, before.bound_deg))
 
 
 @dataclass(frozen=True)

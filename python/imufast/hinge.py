@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zlib
 from collections import deque
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
@@ -13,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from imufast import _core
 from imufast.axis import settings_from
 from imufast.decide import Decider, Estimate, HingeStep, Past, Verdict
-from imufast.errors import InputError
+from imufast.errors import InputError, SettingsError
 from imufast.imu import Imu
 from imufast.pairs import check_pair
-from imufast.settings import HingeSettings
+from imufast.settings import HingeSettings, check_count, check_number
 
 __all__ = ["HingeCalibration", "HingeCalibrator", "calibrate_hinge"]
 
@@ -87,15 +88,16 @@ class HingeCalibrator:
     def __init__(
         self, rate_hz: float, *, settings: HingeSettings | None = None, keep_steps: int | None = 3600, **keywords: Any
     ) -> None:
-        if isinstance(rate_hz, bool) or not isinstance(rate_hz, (int, float)) or not 0.0 < rate_hz < 1e9:
-            raise InputError(f"rate_hz must be a positive number of samples per second, got {rate_hz!r}")
-        if keep_steps is not None and (isinstance(keep_steps, bool) or not isinstance(keep_steps, int) or keep_steps < 1):
-            raise InputError(f"keep_steps must be a positive whole number or None (all), got {keep_steps!r}")
+        try:
+            rate = check_number("rate_hz", rate_hz, 0.0, 1e9, low_open=True)
+            kept = None if keep_steps is None else check_count("keep_steps", keep_steps, 1, 10_000_000)
+        except SettingsError as error:
+            raise InputError(str(error)) from None
         self._settings = settings_from(HingeSettings, settings, keywords)
-        self._rate_hz = float(rate_hz)
+        self._rate_hz = rate
         self._stream = _new_stream(self._rate_hz, self._settings)
         self._decider = Decider(self._settings)
-        self._history: deque[HingeStep] = deque(maxlen=keep_steps)
+        self._history: deque[HingeStep] = deque(maxlen=kept)
         self._estimate: Estimate | None = None
         self._draws = 0
         self._result: HingeCalibration | None = None
@@ -154,7 +156,7 @@ class HingeCalibrator:
         if self._estimate is None:
             step = replace(step, why=step.why + self._slow_samples())
         self._history.append(step)
-        if step.verdict is Verdict.MOUNTING_CHANGED and step.axis1 is not None:
+        if decider.mounting_changed_at_s[-1:] == [time_s]:
             stream.restart()
             decider.start_over()
             self._estimate = None
@@ -181,7 +183,7 @@ class HingeCalibrator:
         return HingeCalibration(
             verdict=step.verdict if step else Verdict.NOT_ENOUGH_INFORMATION,
             accepted=bool(step and step.accepted),
-            accepted_at_s=self._decider.accepted_at_s,
+            accepted_at_s=self._decider.accepted_at_s if step and step.accepted else None,
             axis1=step.axis1 if step else None,
             axis2=step.axis2 if step else None,
             bound95_deg=step.bound95_deg if step else None,
@@ -214,7 +216,8 @@ class HingeCalibrator:
             },
         }
         text = json.dumps(plain).encode()
-        return _STATE_VERSION + len(text).to_bytes(8, "little") + text + self._stream.state()
+        body = len(text).to_bytes(8, "little") + text + self._stream.state()
+        return _STATE_VERSION + zlib.crc32(body).to_bytes(4, "little") + body
 
     @classmethod
     def restore(cls, state: bytes) -> HingeCalibrator:
@@ -222,10 +225,11 @@ class HingeCalibrator:
         if not isinstance(state, bytes):
             raise InputError(f"state must be the bytes that HingeCalibrator.state() gave, got {type(state).__name__}")
         try:
-            head, rest = state[: len(_STATE_VERSION)], state[len(_STATE_VERSION) :]
+            start = len(_STATE_VERSION)
+            checksum, rest = int.from_bytes(state[start : start + 4], "little"), state[start + 4 :]
+            if state[:start] != _STATE_VERSION or checksum != zlib.crc32(rest):
+                raise ValueError("damaged, or of another version")
             length = int.from_bytes(rest[:8], "little")
-            if head != _STATE_VERSION or length > len(rest) - 8:
-                raise ValueError("not a state of this version")
             plain = json.loads(rest[8 : 8 + length])
             self = cls(plain["rate_hz"], settings=HingeSettings(**plain["settings"]), keep_steps=plain["keep_steps"])
             self._stream = _core.HingeStream.restore(rest[8 + length :])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from imufast.report.svg import inline_svg
+from imufast.report.words import UNKNOWN_DEG
 
 __all__ = ["axis_picture"]
 
@@ -34,16 +36,16 @@ def axis_picture(report: dict[str, Any], sensor: int) -> str | None:
     if vector is None:
         return None
     axis = np.array(vector, dtype=np.float64)
-    figure = Figure(figsize=(3.3, 3.0), facecolor="none")
+    figure = Figure(figsize=(3.3, 2.85), facecolor="none")
     panel: Axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     panel.set_axis_off()
     panel.set_aspect("equal")
     panel.set_xlim(-1.33, 1.33)
-    panel.set_ylim(-1.21, 1.21)
+    panel.set_ylim(-1.15, 1.15)
     color = BLUE if sensor == 1 else VERMILLION
     _housing(panel)
     for direction, name in zip(np.eye(3), "xyz", strict=True):
-        _line(panel, -0.0 * direction, 1.0 * direction, color=PALE, linewidth=1.2, zorder=2)
+        _line(panel, 0.0 * direction, direction, color=PALE, linewidth=1.2, zorder=2)
         at = VIEW @ (1.1 * direction)
         panel.text(at[0], at[1], name, fontsize=11, color="#555555", ha="center", va="center", zorder=2)
     # Its shadow on the plane of x and y tells where in depth the axis points.
@@ -52,15 +54,28 @@ def axis_picture(report: dict[str, Any], sensor: int) -> str | None:
     for sign in (1.0, -1.0):
         _line(panel, sign * floor, sign * axis, color=color, linewidth=0.9, linestyle=(0, (1, 1.5)), zorder=2)
     _line(panel, -axis, axis, color=color, linewidth=2.4, zorder=4)
-    tip, before = VIEW @ axis, VIEW @ (0.88 * axis)
-    if np.linalg.norm(tip - before) > 0.02:
-        panel.annotate("", tip, before, arrowprops={"arrowstyle": "-|>", "color": color, "linewidth": 2.0, "shrinkA": 0, "shrinkB": 0}, zorder=5)
+    tip, before = (VIEW @ axis).tolist(), (VIEW @ (0.88 * axis)).tolist()
+    if math.dist(tip, before) > 0.02:
+        panel.annotate(
+            "",
+            tip,
+            before,
+            arrowprops={
+                "arrowstyle": "-|>",
+                "color": color,
+                "linewidth": 2.0,
+                "shrinkA": 0,
+                "shrinkB": 0,
+                "mutation_scale": 16,
+            },
+            zorder=5,
+        )
     else:
         panel.plot(*tip, "o", color=color, markersize=7, zorder=5)
     bound = None if bounds is None or bounds[sensor - 1] is None else float(bounds[sensor - 1])
-    if bound is not None and bound < 80.0:
+    if bound is not None and bound < UNKNOWN_DEG:
         _cone(panel, axis, np.radians(bound), color)
-    words = "unknown" if bound is None or bound >= 80.0 else f"within {bound:.2g} degrees"
+    words = "unknown" if bound is None or bound >= UNKNOWN_DEG else f"within {bound:.2g} degrees"
     return inline_svg(figure, f"a{sensor}x", f"The axis in the frame of sensor {sensor}, {words}")
 
 

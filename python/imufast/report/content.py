@@ -6,12 +6,11 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from enum import Enum
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from imufast.decide import MOVING_S, HingeStep, Verdict
+from imufast.decide import MOVING_S, HingeStep
 from imufast.errors import InputError
 from imufast.hinge import HingeCalibration
 from imufast.imu import Imu, Recording
@@ -35,6 +34,9 @@ EPOCH_S = 1e6
 
 def installed_version() -> str:
     """The version of imufast."""
+    # Here, for it takes longer to import than the rest together.
+    from importlib.metadata import PackageNotFoundError, version
+
     try:
         return version("imufast")
     except PackageNotFoundError:
@@ -168,7 +170,13 @@ def _checks(result: HingeCalibration) -> list[dict[str, Any]]:
     misfit_limit = settings.approximate_misfit if calibrated else None
     met = None if not calibrated or result.misfit is None else result.misfit <= settings.approximate_misfit
     return [
-        {"name": "the joint has moved for", "value": moving, "unit": "s", "relation": "≥", "limit": MOVING_S if calibrated else None}
+        {
+            "name": "the joint has moved for",
+            "value": moving,
+            "unit": "s",
+            "relation": "≥",
+            "limit": MOVING_S if calibrated else None,
+        }
         | {"met": moving >= MOVING_S if calibrated else None},
         {"name": "misfit to a hinge", "value": result.misfit, "unit": "", "relation": "≤", "limit": misfit_limit, "met": met},
         {
@@ -180,7 +188,7 @@ def _checks(result: HingeCalibration) -> list[dict[str, Any]]:
             "met": None if bound is None else bound < limit,
         },
         {
-            "name": "change at the last estimate",
+            "name": "change of the axes at the last step",
             "value": change,
             "unit": "°",
             "relation": "<",
@@ -200,7 +208,9 @@ def _events(history: Sequence[HingeStep], start_s: float) -> list[dict[str, Any]
             if before and before[1] and not step.accepted:
                 text += ", acceptance revoked"
             reason = "" if step.accepted else "; ".join(step.why)
-            events.append({"time_s": step.time_s, "since_start": words.duration(step.time_s - start_s), "text": text, "why": reason})
+            events.append(
+                {"time_s": step.time_s, "since_start": words.duration(step.time_s - start_s), "text": text, "why": reason}
+            )
         before = state
     if len(events) > MOST_EVENTS:
         half = MOST_EVENTS // 2
@@ -246,5 +256,3 @@ def _clean(value: Any) -> Any:
         return int(value)
     number = float(value)
     return number if math.isfinite(number) else None
-
-

@@ -45,7 +45,12 @@ class _Clock:
 
     def __init__(self, start_s: float, stop_s: float) -> None:
         span = max(stop_s - start_s, 1e-9)
-        for name, seconds, longest in (("s", 1.0, 300.0), ("min", 60.0, 18_000.0), ("h", 3600.0, 345_600.0), ("days", 86400.0, math.inf)):
+        for name, seconds, longest in (
+            ("s", 1.0, 300.0),
+            ("min", 60.0, 18_000.0),
+            ("h", 3600.0, 345_600.0),
+            ("days", 86400.0, math.inf),
+        ):
             self.name, self.seconds = name, seconds
             if span <= longest:
                 break
@@ -68,7 +73,14 @@ def timeline(report: dict[str, Any]) -> str:
             len(heights),
             1,
             sharex=True,
-            gridspec_kw={"height_ratios": heights, "hspace": 0.62, "left": 0.085, "right": 0.985, "top": 0.925, "bottom": 0.055},
+            gridspec_kw={
+                "height_ratios": heights,
+                "hspace": 0.62,
+                "left": 0.085,
+                "right": 0.985,
+                "top": 0.925,
+                "bottom": 0.055,
+            },
         )
     )
     titles = (
@@ -78,7 +90,7 @@ def timeline(report: dict[str, Any]) -> str:
         else "B  Excitation: angular rate of the faster sensor (no axis yet)",
         "C  Time that the joint has moved",
         "D  Selected samples",
-        "E  Uncertainty of the axes: local (bounds) and global (change from estimate to estimate)",
+        "E  Uncertainty",
         "F  Misfit to a hinge",
     )
     for panel, heading in zip(panels, titles, strict=True):
@@ -90,7 +102,7 @@ def timeline(report: dict[str, Any]) -> str:
     time = clock(history["time_s"])
     _verdicts(figure, panels[0], history, time, clock)
     _excitation(panels[1], report, clock)
-    _moving(panels[2], history, time)
+    _moving(panels[2], history, time, clock)
     _selected(panels[3], report, clock)
     _uncertainty(panels[4], report, time, clock)
     _misfit(panels[5], report, time, clock)
@@ -103,7 +115,9 @@ def timeline(report: dict[str, Any]) -> str:
     panels[-1].set_xlabel(f"time since the start of the recording, {clock.name}", fontsize=FONT, color=DARK)
     for panel in panels[:-1]:
         panel.tick_params(labelbottom=False)
-    return inline_svg(figure, "t", "Verdict, excitation, selected samples, uncertainty and misfit over the time of the recording")
+    return inline_svg(
+        figure, "t", "Verdict, excitation, selected samples, uncertainty and misfit over the time of the recording"
+    )
 
 
 def _verdicts(figure: Figure, panel: Axes, history: dict[str, Any], time: Array, clock: _Clock) -> None:
@@ -112,19 +126,18 @@ def _verdicts(figure: Figure, panel: Axes, history: dict[str, Any], time: Array,
     panel.set_yticks([])
     panel.set_ylim(-0.45, 1.0)
     panel.spines["left"].set_visible(False)
-    shown: set[Verdict] = set()
-    for start, stop in _runs([(name, yes) for name, yes in zip(names, accepted, strict=True)]):
-        verdict = Verdict(names[start])
-        shown.add(verdict)
-        left = 0.0 if start == 0 and len(time) < 2 else float(time[start - 1]) if start else 0.0
-        color, hatch = VERDICTS[verdict]
-        panel.axvspan(left, float(time[stop]), 0.31, 1.0, facecolor=color, hatch=hatch, edgecolor="white", linewidth=0.0)
+    ends = [*time[1:].tolist(), clock.stop]
+    for start, stop in _runs(names):
+        color, hatch = VERDICTS[Verdict(names[start])]
+        span = 0.0 if start == 0 else float(time[start]), max(float(ends[stop]), float(time[stop]))
+        panel.axvspan(*span, 0.31, 1.0, facecolor=color, hatch=hatch, edgecolor="white", linewidth=0.0)
+    for start, stop in _runs(accepted):
         if accepted[start]:
-            panel.axvspan(left, float(time[stop]), 0.0, 0.2, facecolor=DARK, linewidth=0.0)
+            panel.axvspan(float(time[start]), float(ends[stop]), 0.0, 0.2, facecolor=DARK, linewidth=0.0)
     handles = [
         Patch(facecolor=color, hatch=hatch, edgecolor="white", linewidth=0.0, label=verdict_name(verdict))
         for verdict, (color, hatch) in VERDICTS.items()
-        if verdict in shown
+        if verdict.value in names
     ]
     if any(accepted):
         handles.append(Patch(facecolor=DARK, label="accepted"))
@@ -157,15 +170,15 @@ def _excitation(panel: Axes, report: dict[str, Any], clock: _Clock) -> None:
     _legend(panel)
 
 
-def _moving(panel: Axes, history: dict[str, Any], time: Array) -> None:
-    panel.set_ylabel("s", fontsize=FONT, color=DARK)
-    moving = np.array(history["moving_s"], dtype=np.float64)
+def _moving(panel: Axes, history: dict[str, Any], time: Array, clock: _Clock) -> None:
+    panel.set_ylabel(clock.name, fontsize=FONT, color=DARK)
+    moving = np.array(history["moving_s"], dtype=np.float64) / clock.seconds
     if not len(moving):
         _nothing(panel, "no estimate was made")
         return
-    panel.fill_between(time, 0.0, moving, color=GREY, linewidth=0.0, step=None)
+    panel.fill_between(time, 0.0, moving, color=GREY, linewidth=0.0)
     panel.plot(time, moving, color=DARK, linewidth=1.0)
-    panel.set_ylim(0.0, max(1.0, 1.08 * float(moving.max())))
+    panel.set_ylim(0.0, max(1.0 / clock.seconds, 1.08 * float(moving.max())))
     panel.yaxis.set_major_locator(MaxNLocator(3))
 
 
@@ -188,8 +201,8 @@ def _uncertainty(panel: Axes, report: dict[str, Any], time: Array, clock: _Clock
     top = 1.0
     for i, color in ((1, BLUE), (2, VERMILLION)):
         for name, style, width, label in (
-            ("bound95", "-", 1.7, f"bound (95 %), sensor {i}"),
-            ("published_bound", (0, (1, 1.2)), 1.2, f"μ + 2σ of the paper, sensor {i}"),
+            ("bound95", "-", 1.7, f"bound, sensor {i}"),
+            ("published_bound", (0, (1, 1.2)), 1.2, f"μ + 2σ, sensor {i}"),
         ):
             values = np.array(history[f"{name}_{i}_deg"], dtype=np.float64)
             if np.isfinite(values).any():
@@ -197,14 +210,24 @@ def _uncertainty(panel: Axes, report: dict[str, Any], time: Array, clock: _Clock
                 top = max(top, float(np.nanmax(values)))
     change = np.array(history["change_deg"], dtype=np.float64)
     # A step that makes no new estimate changes nothing.
-    new = np.isfinite(change) & (change > 0.0)
+    new = np.isfinite(change) & (change > 0.0) & (change < 180.0)
     if new.any():
         top = max(top, float(change[new].max()))
         label = "change (SEQAD)"
         panel.plot(time[new], np.maximum(change[new], LEAST_DEG), ".", color=DARK, markersize=2.6, label=label, zorder=2)
     limit = report["bound_limit_deg"]
     panel.axhline(limit, color=DARK, linewidth=1.1, linestyle="--", zorder=1)
-    panel.text(0.002, limit, f"limit {limit:g}°", fontsize=FONT - 0.5, color=DARK, va="bottom", transform=panel.get_yaxis_transform())
+    panel.text(
+        0.997,
+        limit,
+        f"limit {limit:g}°",
+        fontsize=FONT - 0.5,
+        color=DARK,
+        ha="right",
+        va="bottom",
+        transform=panel.get_yaxis_transform(),
+        bbox={"facecolor": "white", "alpha": 0.75, "linewidth": 0.0, "pad": 0.6},
+    )
     panel.set_ylim(LEAST_DEG, 1.6 * max(top, limit))
     panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     at = report["accepted_at_s"]
@@ -221,8 +244,9 @@ def _uncertainty(panel: Axes, report: dict[str, Any], time: Array, clock: _Clock
             fontweight="bold",
             ha="right" if left else "left",
             va="top",
+            bbox={"facecolor": "white", "alpha": 0.75, "linewidth": 0.0, "pad": 0.6},
         )
-    _legend(panel, columns=1)
+    _legend(panel)
 
 
 def _misfit(panel: Axes, report: dict[str, Any], time: Array, clock: _Clock) -> None:
@@ -230,12 +254,13 @@ def _misfit(panel: Axes, report: dict[str, Any], time: Array, clock: _Clock) -> 
     low, high = settings["hinge_misfit"], settings["approximate_misfit"]
     values = np.array(report["history"]["misfit"], dtype=np.float64)
     finite = values[np.isfinite(values)]
-    bottom = min([0.005, 0.6 * low, *(0.7 * finite[finite > 0.0])]) if low > 0.0 else 0.001
+    seen = finite[finite > 0.0]
+    bottom = max(1e-3, min([0.005, *(0.6 * limit for limit in (low,) if limit), *(0.7 * seen)]))
     top = max([1.0, 2.0 * high, *(1.3 * finite)])
     panel.set_yscale("log")
-    panel.set_ylim(max(bottom, 1e-4), top)
+    panel.set_ylim(bottom, top)
     for start, stop, verdict in (
-        (max(bottom, 1e-4), low, Verdict.HINGE),
+        (bottom, low, Verdict.HINGE),
         (low, high, Verdict.APPROXIMATE_HINGE),
         (high, top, Verdict.NOT_A_HINGE),
     ):
@@ -258,7 +283,7 @@ def _misfit(panel: Axes, report: dict[str, Any], time: Array, clock: _Clock) -> 
     panel.minorticks_off()
     panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     if len(finite):
-        panel.plot(time, np.maximum(values, 1e-4), color=DARK, linewidth=1.6)
+        panel.plot(time, np.maximum(values, bottom), color=DARK, linewidth=1.6)
     else:
         _nothing(panel, "the joint has not moved enough for a misfit")
 
@@ -275,9 +300,25 @@ def _runs(states: list[Any]) -> list[tuple[int, int]]:
 
 
 def _nothing(panel: Axes, why: str) -> None:
-    panel.text(0.5, 0.5, why, fontsize=FONT, color="#666666", style="italic", ha="center", va="center", transform=panel.transAxes)
+    if panel.get_yscale() == "linear":
+        panel.set_yticks([])
+        panel.set_ylabel("")
+    panel.text(
+        0.5, 0.5, why, fontsize=FONT, color="#666666", style="italic", ha="center", va="center", transform=panel.transAxes
+    )
 
 
-def _legend(panel: Axes, columns: int = 2) -> None:
-    if panel.get_legend_handles_labels()[0]:
-        panel.legend(loc="upper right", ncols=columns, fontsize=FONT - 1.0, frameon=True, framealpha=0.85, edgecolor="none", borderpad=0.3)
+def _legend(panel: Axes) -> None:
+    """On the line of the panel's title, where no curve runs."""
+    handles, _ = panel.get_legend_handles_labels()
+    if handles:
+        panel.legend(
+            loc="lower right",
+            bbox_to_anchor=(1.004, 0.99),
+            ncols=len(handles),
+            fontsize=FONT - 0.5,
+            frameon=False,
+            borderpad=0.1,
+            handlelength=1.7,
+            columnspacing=1.3,
+        )

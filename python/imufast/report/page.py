@@ -7,7 +7,7 @@ from importlib.resources import files
 from typing import Any
 
 from imufast.errors import ImufastError
-from imufast.report.words import duration
+from imufast.report.words import UNKNOWN_DEG, duration
 
 __all__ = ["check_extra", "html"]
 
@@ -48,13 +48,14 @@ def html(report: dict[str, Any]) -> str:
             "axis": report[f"axis{i}"],
             "bound": report["bound95_deg"][i - 1] if report["bound95_deg"] else None,
             "bias_deg_s": _degrees(report[f"gyr_bias{i}_rad_s"]),
-            # The one kind of text that goes in as it is: drawn here, from numbers alone.
-            "picture": jinja2.utils.markupsafe.Markup(axis_picture(report, i) or ""),  # noqa: S704
+            # The one kind of text that goes into the page as it is: drawn here, from numbers alone.
+            "picture": axis_picture(report, i) or "",
         }
         for i in (1, 2)
     ]
-    drawn = jinja2.utils.markupsafe.Markup(timeline(report))  # noqa: S704
-    return template.render(report=report, sensors=sensors, timeline=drawn, tone=_tone(report), limitless=LIMITLESS)
+    return template.render(
+        report=report, sensors=sensors, timeline=timeline(report), tone=_tone(report), unknown_deg=UNKNOWN_DEG
+    )
 
 
 def _tone(report: dict[str, Any]) -> str:
@@ -69,7 +70,12 @@ def _degrees(vector: list[float] | None) -> list[float] | None:
 
 def _number(value: float | None, form: str = ".3g") -> str:
     """A number for people, with a true minus sign; a dash where there is none."""
-    return "–" if value is None else format(value, form).replace("-", "−")
+    if value is None:
+        return "–"
+    text = format(value, form)
+    if not any(digit in "123456789" for digit in text):
+        text = format(0.0, form).replace("+", "")
+    return text.replace("-", "−")
 
 
 def _setting(value: Any, name: str) -> str:

@@ -8,7 +8,21 @@ from imufast.decide import Verdict
 from imufast.hinge import HingeCalibration
 from imufast.settings import HingeSettings
 
-__all__ = ["LIMITS_OF_USE", "acceptance", "advice", "duration", "headline", "judged_bounds", "limit_deg", "mounting", "verdict_name"]
+__all__ = [
+    "LIMITS_OF_USE",
+    "UNKNOWN_DEG",
+    "acceptance",
+    "advice",
+    "duration",
+    "headline",
+    "judged_bounds",
+    "limit_deg",
+    "mounting",
+    "verdict_name",
+]
+
+UNKNOWN_DEG = 45.0
+"""From this bound on a direction is called unknown."""
 
 _NAMES = {
     Verdict.HINGE: "hinge",
@@ -21,8 +35,8 @@ _NAMES = {
 _HEADLINES = {
     (Verdict.HINGE, True): "The joint is a hinge, and its axis is known",
     (Verdict.HINGE, False): "The joint moves like a hinge, but its axis is not yet known well enough",
-    (Verdict.APPROXIMATE_HINGE, True): "The joint is roughly a hinge, and the axis it turns about on the whole is known",
-    (Verdict.APPROXIMATE_HINGE, False): "The joint moves roughly like a hinge, but its axis is not yet known well enough",
+    (Verdict.APPROXIMATE_HINGE, True): "The joint is nearly a hinge, and its functional axis is known",
+    (Verdict.APPROXIMATE_HINGE, False): "The joint moves nearly like a hinge, but its axis is not yet known well enough",
     (Verdict.NOT_A_HINGE, False): "The joint is not a hinge: there is no one axis to be found",
     (Verdict.NOT_ENOUGH_INFORMATION, False): "Not enough motion to tell",
     (Verdict.MOUNTING_CHANGED, False): "A sensor has moved on its segment, and the new mounting is not calibrated yet",
@@ -31,7 +45,10 @@ _HEADLINES = {
 _ADVICE = {
     (Verdict.HINGE, True): "The axes below can be used.",
     (Verdict.HINGE, False): "Do not use the axes yet. Record more motion: bend the joint, and turn the whole limb too.",
-    (Verdict.APPROXIMATE_HINGE, True): "The axes below can be used as a functional axis. Soft tissue and the joint itself depart "
+    (
+        Verdict.APPROXIMATE_HINGE,
+        True,
+    ): "The axes below can be used as a functional axis. Soft tissue and the joint itself depart "
     "from a perfect hinge; the bound includes this.",
     (Verdict.APPROXIMATE_HINGE, False): "Do not use the axes yet. Record more motion: bend the joint, and turn the whole limb "
     "too; check that the straps are firm.",

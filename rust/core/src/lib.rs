@@ -38,3 +38,8 @@ pub mod so3;
 pub type Xyz = [f64; 3];
 /// One instant of two sensors: gyr1, acc1, gyr2, acc2.
 pub type PairSample = [f64; 12];
+
+/// Checksum of saved bytes: CRC-32.
+pub fn checksum(bytes: &[u8]) -> u32 {
+    crc32fast::hash(bytes)
+}

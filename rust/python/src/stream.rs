@@ -318,6 +318,7 @@ impl HingeStream {
             bytes.extend(number.to_le_bytes());
         }
         bytes.extend(state.core.to_bytes());
+        bytes.extend(imufast_core::checksum(&bytes).to_le_bytes());
         PyBytes::new(py, &bytes)
     }
 
@@ -325,7 +326,11 @@ impl HingeStream {
     #[staticmethod]
     fn restore(state: &[u8]) -> PyResult<Self> {
         let read = || {
-            let (numbers, core) = state.split_first_chunk::<64>()?;
+            let (body, checksum) = state.split_last_chunk::<4>()?;
+            if u32::from_le_bytes(*checksum) != imufast_core::checksum(body) {
+                return None;
+            }
+            let (numbers, core) = body.split_first_chunk::<64>()?;
             let mut words = numbers.as_chunks::<8>().0.iter().copied();
             let mut number = || words.next().map(f64::from_le_bytes).filter(|x| !x.is_nan());
             let (rate_hz, first_s, latest_s, step_s, waiting_s) = (number()?, number()?, number()?, number()?, number()?);
@@ -333,7 +338,7 @@ impl HingeStream {
             let (count, steps) = (whole()?, whole()?);
             let timed = [None, Some(false), Some(true)].get(usize::try_from(whole()?).ok()?).copied()?;
             let core = Core::from_bytes(core)?;
-            let sound = rate_hz > 0.0 && step_s > 0.0 && first_s.is_finite();
+            let sound = rate_hz > 0.0 && step_s >= 1e-3 && step_s.is_finite() && first_s.is_finite() && waiting_s.is_finite();
             sound.then_some(State { core, rate_hz, timed, count, waiting_s, first_s, latest_s, steps, step_s })
         };
         match read() {

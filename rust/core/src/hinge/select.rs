@@ -138,10 +138,6 @@ impl AccSelection {
             return false;
         }
         self.kept.push(candidate);
-        // Bounded memory also where nobody asks for the result.
-        if self.kept.len() >= 2 * self.max_samples.max(1024) {
-            self.settle();
-        }
         true
     }
 

@@ -81,10 +81,11 @@ impl Stretch {
 }
 
 /// Logarithm of how much more the opposite pairing leaves unexplained over all stretches; positive: `axes` are paired right.
-/// Zero without stretches. `FLOOR` is the power of what noise leaves anyway.
+/// Zero without stretches.
 pub fn pairing_evidence<'a>(axes: &AxisPair, stretches: impl Iterator<Item = &'a Stretch> + Clone) -> f64 {
-    /// (m/s²)², about the square of a good sensor's noise and a bias.
-    const FLOOR: f64 = 0.01;
+    /// What is left unexplained anyway, (m/s²)²: noise, and gravity turned by the angle that a gyroscope bias of 1 deg/s adds up
+    /// to over a stretch.
+    const FLOOR: f64 = 0.05;
     let count = stretches.clone().count();
     if count == 0 {
         return 0.0;

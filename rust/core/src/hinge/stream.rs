@@ -178,6 +178,10 @@ impl HingeStream {
             let gyr = self.gyr.push(Candidate::gyr(self.count, scored.time, &scored.sample, scored.gyr_score));
             let acc = self.acc.push(Candidate::acc(self.count, scored.time, &scored.sample, scored.acc_score));
             self.changes += u64::from(gyr) + u64::from(acc);
+            // Bounded memory also where nobody asks for an estimate.
+            if self.acc.chosen().len() >= 2 * self.settings.max_samples.max(1024) {
+                self.acc.settle();
+            }
         }
         if memorable {
             self.remember_motion(sample);
@@ -293,7 +297,7 @@ impl HingeStream {
     pub fn to_bytes(&self) -> Vec<u8> {
         let body = postcard::to_allocvec(self).unwrap_or_default();
         let mut bytes = Vec::from(STATE_VERSION);
-        bytes.extend(crc32fast::hash(&body).to_le_bytes());
+        bytes.extend(crate::checksum(&body).to_le_bytes());
         bytes.extend(body);
         bytes
     }
@@ -301,7 +305,7 @@ impl HingeStream {
     /// The stream that [`Self::to_bytes`] wrote; None where the bytes are of another version, damaged or not from there.
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         let (checksum, body) = bytes.strip_prefix(&STATE_VERSION)?.split_first_chunk::<4>()?;
-        if u32::from_le_bytes(*checksum) != crc32fast::hash(body) {
+        if u32::from_le_bytes(*checksum) != crate::checksum(body) {
             return None;
         }
         let stream: Self = postcard::from_bytes(body).ok()?;
@@ -332,6 +336,19 @@ impl HingeStream {
         gyr
     }
 
+    /// A stretch without what rest showed to be bias.
+    fn corrected(&self, stretch: &Stretch) -> Stretch {
+        let mut corrected = stretch.clone();
+        for (sensor, rest) in self.rest.iter().enumerate() {
+            if let Some(bias) = rest.bias().filter(|_| self.settings.bias_from_rest) {
+                for sample in &mut corrected.samples {
+                    (0..3).for_each(|k| sample[6 * sensor + k] -= bias[k]);
+                }
+            }
+        }
+        corrected
+    }
+
     /// The gyroscope bias of each sensor, rad/s, where rest has shown it.
     pub fn gyr_bias(&self) -> [Option<Xyz>; 2] {
         self.rest.each_ref().map(Rest::bias)
@@ -347,7 +364,9 @@ impl HingeStream {
     /// Puts the minimum first whose pairing the planar motion supports, and says how strongly it does.
     fn settle_pairing(&self, cost: &HingeCost, solution: &mut Solution, options: &SolveOptions) -> f64 {
         let best = solution.best().axes;
-        let evidence = pairing_evidence(&best, self.liveliest.iter());
+        let stretches: Vec<Stretch> =
+            self.liveliest.iter().filter(|s| s.liveliness() > LIVELY).map(|s| self.corrected(s)).collect();
+        let evidence = pairing_evidence(&best, stretches.iter());
         if !self.settings.settle_pairing || evidence > -PAIRING_DECIDED {
             return evidence;
         }
@@ -357,12 +376,14 @@ impl HingeStream {
         }
         solution.minima.retain(|m| !same_axes(&m.axes, &other.axes, options.distinct_angle));
         solution.minima.insert(0, other);
-        pairing_evidence(&other.axes, self.liveliest.iter())
+        pairing_evidence(&other.axes, stretches.iter())
     }
 }
 
 /// First bytes of a saved stream; the last is the version of the layout.
 const STATE_VERSION: [u8; 8] = *b"imuhng\0\x01";
+/// Stretches in which one segment hardly turns (mean squared rate, rad²/s²) do not tell the pairing.
+const LIVELY: f64 = 0.2;
 /// Fewer gyroscope samples than this say nothing.
 const LEAST_SAMPLES: usize = 20;
 /// Two pairs within this are in one valley, rad.
