@@ -212,10 +212,15 @@ def main() -> None:
         raise SystemExit(f"no recordings of a hinge with reference axes in {folder / 'two_imu_joint'}")
     qmt, starts, gap = qmt_hinge(), max(1, chosen.starts), "\n\n"
     print(setting(), end=gap)
-    print("Hinge axis from all samples, the worse of both axes: error against optics (itself good to about 0.2°), and time.", end=gap)
+    print(
+        "Hinge axis from all samples, the worse of both axes: error against optics (itself good to about 0.2°), and time.",
+        end=gap,
+    )
     files = [path for path, joint in zip(paths, joints, strict=True) if joint.truth is not None]
     print(table(HEADINGS, hinge_rows(files, max(1, chosen.rounds)), markdown=chosen.markdown), end=gap)
-    print(f"`calibrate_hinge` on hinges from {starts} starting moments each, 40 s to the end of the recording at least.", end=gap)
+    print(
+        f"`calibrate_hinge` on hinges from {starts} starting moments each, 40 s to the end of the recording at least.", end=gap
+    )
     rows = [row for joint in hinges for row in start_rows(joint, starts, qmt)]
     print(table(START_HEADINGS, rows, markdown=chosen.markdown), end=gap)
     others = [joint for joint in joints if joint.truth is None]
@@ -224,7 +229,9 @@ def main() -> None:
         print(table(OTHER_HEADINGS, [other_row(joint, starts) for joint in others], markdown=chosen.markdown), end=gap)
     walk = folder / "lower_body" / "full_body_walk.npz"
     if walk.exists():
-        print("`calibrate_hinge` on a walking person: two halves of the walk, how far their axes are apart (root sum of", end=" ")
+        print(
+            "`calibrate_hinge` on a walking person: two halves of the walk, how far their axes are apart (root sum of", end=" "
+        )
         print("squares of both bounds beside), and how far the thigh's axis keeps off the limb, about which the strap turns.\n")
         rows = [knee_row(walk, side, qmt) for side in ("left", "right")]
         print(table(KNEE_HEADINGS, rows, markdown=chosen.markdown))

@@ -1,6 +1,8 @@
 """Run the benches and put the tables they print into README.md, between its two markers.
 
-python scripts/measured.py
+    python scripts/measured.py [BENCH ...]
+
+All benches take about a quarter of an hour; with names, only those are run anew and what the others printed before stays.
 """
 
 from __future__ import annotations
@@ -11,23 +13,53 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
-BENCHES = ("benches/two_imu.py", "benches/speed.py")
+BENCHES = ("benches/two_imu.py", "benches/papers/olsson2020/run.py", "benches/stream.py", "benches/speed.py")
+
+
+def heading(bench: str) -> str:
+    """The line above what a bench printed."""
+    return f"Printed by `{bench}`:"
+
+
+def printed(bench: str) -> str:
+    """What the bench prints; the script ends where it fails or lacks its peer."""
+    done = subprocess.run([sys.executable, bench, "--markdown"], cwd=ROOT, capture_output=True, text=True, check=False)  # noqa: S603
+    if done.returncode or "missing" in done.stderr:
+        raise SystemExit(f"{bench} has not measured everything:\n{done.stdout}\n{done.stderr}")
+    return done.stdout.strip()
+
+
+def kept(measured: str, bench: str) -> str | None:
+    """What the bench printed before, or None."""
+    _, found, after = measured.partition(heading(bench))
+    for other in BENCHES:
+        after = after.partition(heading(other))[0]
+    return after.strip() if found else None
+
+
+def halves(text: str, where: Path) -> tuple[str, str, str]:
+    """What stands before the first marker, between both, and after the second."""
+    head, _, rest = text.partition(BEGIN)
+    between, _, tail = rest.partition(END)
+    if not tail:
+        raise SystemExit(f"{where} lacks the markers {BEGIN} and {END}")
+    return head, between, tail
 
 
 def main() -> None:
     """Measure and write; a bench that fails or lacks its peer leaves README as it is."""
-    parts = []
-    for bench in BENCHES:
-        done = subprocess.run([sys.executable, bench, "--markdown"], cwd=ROOT, capture_output=True, text=True, check=False)  # noqa: S603
-        if done.returncode or "missing" in done.stderr:
-            raise SystemExit(f"{bench} has not measured everything:\n{done.stderr}")
-        parts.append(f"Printed by `{bench}`:\n\n{done.stdout.strip()}")
+    chosen = sys.argv[1:] or list(BENCHES)
+    for bench in chosen:
+        if bench not in BENCHES:
+            raise SystemExit(f"unknown bench {bench!r}; known are {', '.join(BENCHES)}")
     readme = ROOT / "README.md"
-    head, _, rest = readme.read_text(encoding="utf-8").partition(BEGIN)
-    _, _, tail = rest.partition(END)
-    if not tail:
-        raise SystemExit(f"{readme} lacks the markers {BEGIN} and {END}")
-    readme.write_text("\n\n".join([head + BEGIN, *parts, END + tail]), encoding="utf-8")
+    halves(readme.read_text(encoding="utf-8"), readme)
+    new = {bench: printed(bench) for bench in chosen}
+    # Read again: others may have edited it while the benches ran.
+    head, before, tail = halves(readme.read_text(encoding="utf-8"), readme)
+    parts = {bench: new.get(bench) or kept(before, bench) for bench in BENCHES}
+    texts = [f"{heading(bench)}\n\n{part}" for bench, part in parts.items() if part]
+    readme.write_text("\n\n".join([head + BEGIN, *texts, END + tail]), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -92,7 +92,6 @@ def test_so_many_estimates_in_a_row_must_agree(n_consistent: int) -> None:
     assert [bool(s.why) for s in steps] == [not s.accepted for s in steps]
 
 
-@pytest.mark.xfail(strict=True, reason="bug: with n_consistent=1 the first step is accepted and says what stands in its way")
 def test_where_one_estimate_is_enough_nothing_stands_in_its_way() -> None:
     step = Trial(n_consistent=1).step()
     assert step.accepted
@@ -166,10 +165,6 @@ def test_failures_apart_do_not_add_up() -> None:
         assert trial.step().accepted
 
 
-GRACE = "bug: in the steps of grace `accepted` stands beside a verdict or a bound that contradict its definition"
-
-
-@pytest.mark.xfail(strict=True, reason=GRACE)
 @pytest.mark.parametrize(
     "failing",
     [
@@ -220,10 +215,10 @@ NOT_YET = {
     "hardly turned": (GOOD, {"relative_rate": 0.4}, "the joint has hardly turned"),
     "no hinge, but too soon": (GOOD, {"misfit": 0.6, "moving_s": 9.0}, "misfit 0.60"),
     "few pieces": (replace(GOOD, pieces=5), {}, "rests on 5 s"),
-    "unpaired": (replace(GOOD, pairing=0.29), {}, "which way the two axes belong together"),
+    "unpaired": (replace(GOOD, pairing=0.69), {}, "which way the two axes belong together"),
     "wrongly paired": (replace(GOOD, pairing=-1.0, acc_pairing=(9.0, 9.0)), {}, "which way the two axes belong together"),
     "gravity unsure": (replace(GOOD, pairing=0.1, acc_pairing=(1.9, 9.0)), {}, "which way the two axes belong together"),
-    "gravity weak": (replace(GOOD, pairing=0.1, acc_pairing=(9.0, 1.4)), {}, "which way the two axes belong together"),
+    "gravity weak": (replace(GOOD, pairing=0.1, acc_pairing=(9.0, 3.9)), {}, "which way the two axes belong together"),
     "a rival": (replace(GOOD, rival=(1.6, 3.9)), {}, "another axis explains the motion about as well"),
 }
 
@@ -240,7 +235,7 @@ def test_what_is_not_enough_is_said_in_words(case: str) -> None:
 @pytest.mark.parametrize(
     "estimate",
     [
-        replace(GOOD, pairing=0.1, acc_pairing=(2.1, 1.6)),
+        replace(GOOD, pairing=0.1, acc_pairing=(2.1, 4.1)),
         replace(GOOD, rival=(1.7, 1.0)),
         replace(GOOD, rival=(0.0, 4.1)),
         replace(GOOD, pieces=6),
@@ -357,9 +352,9 @@ def test_a_slip_needs_three_steps_that_say_so() -> None:
     [
         pytest.param(None, id="too little motion"),
         pytest.param(slipped(5.0), id="near"),
-        pytest.param(slipped(20.0, misfit_before=0.07), id="old axes still explain"),
+        pytest.param(slipped(20.0, misfit_before=0.045), id="old axes still explain"),
         pytest.param(slipped(20.0, misfit=0.06), id="no hinge either"),
-        pytest.param(slipped(20.0, misfit_before=0.12, misfit=0.04), id="hardly better"),
+        pytest.param(slipped(20.0, misfit_before=0.11, misfit=0.04), id="hardly better"),
         pytest.param((0.3, 0.01, unit(20.0), unit(0.0), [(0.2, 0.0), (0.2, 0.0)]), id="unsure"),
         pytest.param((0.3, 0.01, [-x for x in unit(2.0)], unit(178.0), [(0.0, 0.0)] * 2), id="same lines"),
     ],
@@ -375,10 +370,6 @@ def test_axes_that_were_never_accepted_cannot_slip() -> None:
     assert all(s.verdict is Verdict.HINGE for s in trial.steps(40, fit=slipped(20.0)))
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="bug: axes are compared with those of ten seconds ago only if these were a HINGE: a slip that shows at once is lost",
-)
 def test_a_slip_is_found_also_where_the_misfit_rises_at_once() -> None:
     trial = accepted()
     trial.steps(30)

@@ -147,10 +147,6 @@ def test_one_sensor_at_rest_is_never_enough(half: int) -> None:
         assert not any(step.accepted for step in result.history)
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="bug: one sensor at rest is called a HINGE in half of 40 seeds, with a bound of 30 to 80 deg for its axis",
-)
 @pytest.mark.parametrize(("half", "seed"), [(0, 1), (0, 2), (1, 1)])
 def test_one_sensor_at_rest_is_not_enough_information(half: int, seed: int) -> None:
     result = calibrate(simulate_hinge(still_halves(40.0, half), seed=seed, **random_biases(seed, acc_m_s2=0.3)))
@@ -167,20 +163,12 @@ def test_segments_that_turn_one_after_the_other_do_not_tell_the_pairing(seed: in
     assert paired_right(result, *truth(tilted))
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="bug: a gyroscope bias (1 deg/s, even one that rest has shown) turns the planar evidence: of 40 recordings in which "
-    "the segments turn one after the other, 35 are accepted and 23 of these are paired wrongly",
-)
 @pytest.mark.parametrize("seed", [0, 3, 7])
 def test_a_gyroscope_bias_does_not_pair_the_axes(seed: int) -> None:
     sim = simulate_hinge("sequential", duration_s=60, seed=seed, **random_biases(seed, acc_m_s2=0.0))
     assert all(paired_right(step, *truth(sim)) for step in calibrate(sim).history if step.accepted)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="bug: with biases of 1 deg/s and 1 m/s² a wrong pairing is accepted for a while (3 of 40)"
-)
 @pytest.mark.parametrize("seed", [0, 14, 24])
 def test_planar_motion_with_biases_is_never_accepted_with_the_wrong_pairing(seed: int) -> None:
     sim = simulate_hinge("planar", duration_s=60, seed=seed, **random_biases(seed))
@@ -221,7 +209,6 @@ def test_a_hinge_and_then_another_joint_is_revoked() -> None:
     assert result.verdict in (Verdict.NOT_A_HINGE, Verdict.MOUNTING_CHANGED)
 
 
-@pytest.mark.xfail(strict=True, reason="bug: in the steps of grace `accepted` contradicts its definition (see test_decide)")
 def test_every_accepted_step_has_its_verdict_and_its_bound() -> None:
     sims = [simulate_hinge("free", duration_s=40, seed=0, dof=2, extra_rad=extra) for extra in (0.0, 0.4)]
     for step in calibrate_hinge(*one_after_another(*sims)).history:

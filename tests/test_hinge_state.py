@@ -50,9 +50,9 @@ def saved() -> bytes:
 @cache
 def parts() -> tuple[int, int, int]:
     """Where the decisions (JSON) begin, where the core's numbers begin, where its versioned bytes begin."""
-    length = int.from_bytes(saved()[HEAD : HEAD + 8], "little")
-    core = HEAD + 8 + length
-    return HEAD + 8, core, core + CORE_NUMBERS
+    length = int.from_bytes(saved()[HEAD + 4 : HEAD + 12], "little")
+    core = HEAD + 12 + length
+    return HEAD + 12, core, core + CORE_NUMBERS
 
 
 def refused(state: bytes) -> None:
@@ -89,7 +89,7 @@ def test_other_versions_are_refused() -> None:
     json_at, _, core_at = parts()
     for version in (0, 2, 255):
         refused(changed(saved(), HEAD - 1, version))
-        refused(changed(saved(), core_at + 7, version))
+        refused(with_checksum(changed(saved(), core_at + 7, version)))
     refused(saved()[json_at:])
     refused(b"")
     refused(b"\x80\x04K\x01.")  # a pickle
@@ -116,68 +116,37 @@ def test_states_with_something_behind_are_refused(more: bytes) -> None:
     refused(b"imufast.HingeCalibrator\x01" + more)
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=500, deadline=None, derandomize=True)
 @given(st.data())
-def test_damage_to_the_cores_bytes_is_always_noticed(data: st.DataObject) -> None:
+def test_damage_is_always_noticed(data: st.DataObject) -> None:
     state = bytearray(saved())
-    at = data.draw(st.lists(st.integers(parts()[2], len(state) - 1), min_size=1, max_size=4, unique=True))
-    for k in at:
+    ends = [0, *parts(), len(state)]
+    part = data.draw(st.integers(0, 3))  # head, decisions, the core's numbers, the core's bytes
+    for k in data.draw(st.lists(st.integers(ends[part], ends[part + 1] - 1), min_size=1, max_size=4, unique=True)):
         state[k] ^= data.draw(st.integers(1, 255))
     refused(bytes(state))
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
-@given(st.data())
-def test_damage_to_the_decisions_raises_nothing_but_an_input_error(data: st.DataObject) -> None:
-    state = bytearray(saved())
-    for k in data.draw(st.lists(st.integers(0, parts()[1] - 1), min_size=1, max_size=4)):
-        state[k] = data.draw(st.integers(0, 255))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            HingeCalibrator.restore(bytes(state)).push(*(a[:120] for a in samples()))
-        except InputError:
-            return
+def with_checksum(state: bytes) -> bytes:
+    """The same with the outer checksum mended."""
+    return state[:HEAD] + zlib.crc32(state[HEAD + 4 :]).to_bytes(4, "little") + state[HEAD + 4 :]
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(st.data())
-def test_a_forged_checksum_makes_nothing_panic(data: st.DataObject) -> None:
-    body = bytearray(saved()[parts()[2] + 12 :])
+def test_forged_checksums_make_nothing_panic(data: st.DataObject) -> None:
+    assert with_checksum(saved()) == saved()
+    core = parts()[2]
+    body = bytearray(saved()[core + 12 :])
     for k in data.draw(st.lists(st.integers(0, len(body) - 1), min_size=1, max_size=6)):
         body[k] = data.draw(st.sampled_from([0, 1, 127, 128, 240, 255]))
-    forged = saved()[: parts()[2] + 8] + zlib.crc32(body).to_bytes(4, "little") + bytes(body)
+    forged = with_checksum(saved()[: core + 8] + zlib.crc32(body).to_bytes(4, "little") + bytes(body))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             HingeCalibrator.restore(forged).push(*(a[:120] for a in samples()))
         except InputError:
             return
-
-
-NO_CHECKSUM = "bug: only the core's body has a checksum; the decisions (JSON) and the core's eight numbers have none"
-
-
-@pytest.mark.xfail(strict=True, reason=NO_CHECKSUM)
-def test_damage_to_the_decisions_is_noticed() -> None:
-    at = saved().index(b'"run": ') + len(b'"run": ')
-    assert saved()[at : at + 1].isdigit()
-    refused(changed(saved(), at, ord("1") if saved()[at] != ord("1") else ord("2")))
-
-
-@pytest.mark.xfail(strict=True, reason=NO_CHECKSUM + "; the length of a step becomes 1e-300 s: the next push never returns")
-def test_damage_to_the_cores_numbers_is_noticed() -> None:
-    step_s_at = parts()[1] + 3 * 8
-    assert np.frombuffer(saved()[step_s_at : step_s_at + 8])[0] == 1.0
-    refused(saved()[:step_s_at] + np.float64(1e-300).tobytes() + saved()[step_s_at + 8 :])
-
-
-@pytest.mark.xfail(strict=True, reason=NO_CHECKSUM)
-@settings(max_examples=100, deadline=None, derandomize=True)
-@given(at=st.integers(0, CORE_NUMBERS - 1), by=st.integers(1, 255))
-def test_any_damage_to_the_cores_numbers_is_noticed(at: int, by: int) -> None:
-    k = parts()[1] + at
-    refused(changed(saved(), k, saved()[k] ^ by))
 
 
 def test_a_restored_stream_keeps_its_settings_and_its_window_of_history() -> None:

@@ -343,13 +343,11 @@ def test_a_rate_beyond_the_low_pass_is_refused_as_all_input_is() -> None:
         HingeCalibrator(5e6)
 
 
-@pytest.mark.xfail(strict=True, raises=InputError, reason="bug: numpy's whole numbers and float32 are refused as rate_hz")
 @pytest.mark.parametrize("rate_hz", [np.int64(50), np.float32(50.0)])
 def test_a_rate_of_numpy_is_a_rate(rate_hz: Any) -> None:
     assert HingeCalibrator(rate_hz).result().verdict is Verdict.NOT_ENOUGH_INFORMATION
 
 
-@pytest.mark.xfail(strict=True, raises=OverflowError, reason="bug: an OverflowError of deque escapes")
 def test_more_steps_than_memory_can_count_are_refused() -> None:
     with pytest.raises(InputError, match="keep_steps"):
         HingeCalibrator(50.0, keep_steps=10**30)

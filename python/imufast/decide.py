@@ -1,8 +1,8 @@
 """When to trust a hinge: from the core's records, one a step, to verdicts and acceptance.
 
 Two rules live here. "calibrated" is ours: is there enough motion, is it a hinge (misfit), is the sign pairing settled, does a
-rival minimum stand, is the calibrated bound small, and all that for `n_consistent` steps in which the joint has moved;
-revocable. "published" is Algorithm 4 of Olsson et al. 2020.
+rival minimum stand, is the calibrated bound small, and have the axes stayed for `n_consistent` steps in which the joint has
+moved; revocable. "published" is Algorithm 4 of Olsson et al. 2020.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ DETERMINED_DEG = 25.0
 """With a bound as wide as this, degrees, nothing is said: where one sensor rests, any motion looks like a hinge."""
 GRACE_STEPS = 3
 """An accepted run may fail so many steps, less one, before acceptance is revoked."""
-SLIP_RATIO, SLIP_DEG, SLIP_STEPS = 3.0, 6.0, 3
-"""A strap has slipped when present motion is a hinge about its own axes but not about those from before, misfits these so many
-times more, its own lie this far away (degrees), and all that for so many steps."""
+SLIP_RATIO, SLIP_MISFIT, SLIP_DEG, SLIP_STEPS = 3.0, 0.03, 6.0, 3
+"""A strap has slipped when present motion is a hinge about its own axes, misfits those from before so many times more and more
+than this, its own lie this far away (degrees), and all that for so many steps."""
 
 
 class Verdict(str, Enum):
@@ -225,33 +225,33 @@ class Decider:
         """Algorithm 4: local uncertainty and SEQAD below E_max for n_min estimates; then it stands."""
         limit = self.settings.max_error_deg
         small, steady = bool(bound.max() < limit), change < limit
-        self.run = self.run + 1 if small and steady else 0
-        if not self.accepted and self.run >= self.settings.n_consistent:
+        self.run = self.run + 1 if steady else 0
+        if not self.accepted and small and self.run >= self.settings.n_consistent:
             self.accepted_at_s = time_s
         why: tuple[str, ...] = () if small else (f"local uncertainty {bound.max():.3g}° is not below {limit:g}°",)
-        why += () if steady else (f"the axes moved by {change:.3g}° since the last estimate",)
+        if self.run < self.settings.n_consistent:
+            why += (f"{self.run} of {self.settings.n_consistent} estimates in a row agree so far",)
         return (Verdict.HINGE, ()) if self.accepted else (Verdict.NOT_ENOUGH_INFORMATION, why)
 
     def _calibrated(self, record: Estimate, facts: _Facts, time_s: float) -> tuple[Verdict, tuple[str, ...]]:
         verdict, why = self._verdict(record, facts)
-        judged = verdict in (Verdict.HINGE, Verdict.APPROXIMATE_HINGE)
         settings = self.settings
-        limit = settings.max_error_deg if verdict is Verdict.HINGE else settings.max_error_approximate_deg
-        if judged and not facts.bound_deg < limit:
+        hinge = facts.misfit is not None and facts.misfit < settings.hinge_misfit
+        limit = settings.max_error_deg if hinge else settings.max_error_approximate_deg
+        if verdict in (Verdict.HINGE, Verdict.APPROXIMATE_HINGE) and not facts.bound_deg < limit:
             why += (f"the bound {facts.bound_deg:.3g}° is not below {limit:g}°",)
-        good = judged and not why
-        if good and not facts.change_deg < limit:
-            why += (f"the axes moved by {facts.change_deg:.3g}° since the last estimate",)
-        if not good or why:
-            # A good estimate that agrees with nothing before it begins a new run.
-            self.run = 1 if good else 0
+        # Agreement counts from the first estimates on, whatever their bound; standing still adds nothing to it.
+        if not facts.change_deg < limit:
+            self.run = 1
         elif facts.moved:
             self.run += 1
+        if self.accepted and not facts.change_deg < limit:
+            why += (f"the axes moved by {facts.change_deg:.3g}° since the last estimate",)
+        elif not self.accepted and self.run < settings.n_consistent:
+            why += (f"{self.run} of {settings.n_consistent} estimates in a row agree so far",)
         if not self.accepted:
-            if self.run >= settings.n_consistent:
-                self.accepted_at_s, self.failed, why = time_s, 0, ()
-            elif not why:
-                why = (f"{self.run} of {settings.n_consistent} estimates in a row agree so far",)
+            if not why:
+                self.accepted_at_s, self.failed = time_s, 0
         else:
             self.failed = self.failed + 1 if why else 0
             if self.failed >= GRACE_STEPS or verdict is Verdict.NOT_A_HINGE:
@@ -304,8 +304,7 @@ class Decider:
         if fit is None:
             return False
         misfit_before, misfit, axis1, axis2, deviation = fit
-        hinge = self.settings.hinge_misfit
-        if misfit_before <= max(SLIP_RATIO * misfit, hinge) or misfit >= hinge:
+        if misfit_before <= max(SLIP_RATIO * misfit, SLIP_MISFIT) or misfit >= self.settings.hinge_misfit:
             return False
         # The rates alone do not pair the signs: each axis is a line here.
         angles = [angle_deg(new, old) for new, old in ((axis1, before.axis1), (axis2, before.axis2))]

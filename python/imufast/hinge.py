@@ -71,8 +71,8 @@ class HingeCalibrator:
     """Calibrates a hinge from a stream, in bounded memory, for as long as it runs.
 
     Samples may come one by one or in blocks; however they are cut, the results are the same bits. Estimates are made every
-    `settings.step_s` of recording time. Once accepted, an estimate is made anew only when at least a hundredth of the selected
-    samples is new; misfit and mounting are watched at every step.
+    `settings.step_s` of recording time, and only when the selection has changed; once accepted, when at least a fiftieth of it
+    is new. Misfit and mounting are watched at every step.
 
     Args:
         rate_hz: nominal rate of the samples, Hz.
@@ -141,9 +141,11 @@ class HingeCalibrator:
         stream, settings, decider = self._stream, self._settings, self._decider
         time_s = stream.next_step_s
         changed, selected = stream.changes
-        if self._estimate is None or not decider.accepted or changed * 100 >= selected:
+        drawn = settings.starts == "random"
+        news = changed * 50 >= selected if decider.accepted else changed > 0
+        if self._estimate is None or drawn or news:
             starts = None
-            if settings.starts == "random":
+            if drawn:
                 # A seed of its own for every estimate, so that a restored stream draws what the first would have drawn.
                 rng = np.random.default_rng([settings.seed, self._draws])
                 starts = rng.normal(size=(settings.random_starts, 2, 3))

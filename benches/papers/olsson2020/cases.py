@@ -47,7 +47,7 @@ class Case:
         )
 
     def errors_deg(self, axis1: Array, axis2: Array) -> Array:
-        """(R, 2) AD as section 7.2 takes it: the sign of the pair that suits axis 1; a wrongly paired axis 2 is up to 180° off."""
+        """(R, 2) AD as in section 7.2: the pair has the sign that suits axis 1; a wrongly paired axis 2 is up to 180° off."""
         first, second = (
             literal.apart_deg(axis, np.broadcast_to(truth, axis.shape))
             for axis, truth in ((np.atleast_2d(axis1), self.axis1), (np.atleast_2d(axis2), self.axis2))

@@ -47,11 +47,13 @@ class Estimates:
 
 
 def plane(axes: Array) -> Array:
-    """(R, 3, 2) two unit vectors across each axis."""
-    away = np.eye(3)[np.argmin(np.abs(axes), axis=1)]
-    first = np.cross(axes, away)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([first, np.cross(axes, first)], axis=2)
+    """(R, 3, 2) two unit vectors across each axis: the first columns of the reflection that takes ±z to the axis."""
+    mirror = axes.copy()
+    mirror[:, 2] += np.where(axes[:, 2] >= 0.0, 1.0, -1.0)
+    square = 2.0 * (1.0 + np.abs(axes[:, 2]))
+    both = -2.0 / square[:, None, None] * mirror[:, :, None] * mirror[:, None, :2]
+    both[:, [0, 1], [0, 1]] += 1.0
+    return np.asarray(both)
 
 
 class Problem:

@@ -12,7 +12,7 @@ use imufast_core::{
         stream::{HingeStream as Core, PRESENT_MOVING, StreamSettings},
     },
 };
-use numpy::{PyReadonlyArray3, PyReadonlyArrayDyn, nalgebra};
+use numpy::{PyReadonlyArray3, PyReadonlyArrayDyn, PyUntypedArrayMethods, nalgebra};
 use pyo3::{exceptions::PyValueError, prelude::*, types::PyBytes};
 
 use crate::{
@@ -197,7 +197,12 @@ impl HingeStream {
             }
         }
         let time = match &time_s {
-            Some(array) => Some(array.as_slice().map_err(|e| PyValueError::new_err(format!("time_s: {e}")))?),
+            Some(array) if array.ndim() == 1 => {
+                Some(array.as_slice().map_err(|e| PyValueError::new_err(format!("time_s: {e}")))?)
+            }
+            Some(array) => {
+                return Err(PyValueError::new_err(format!("time_s must have shape (N,), got {:?}", array.shape())));
+            }
             None => None,
         };
         let mut state = self.lock();
@@ -356,7 +361,6 @@ impl HingeStream {
 }
 
 fn rows<'a>(array: &'a PyReadonlyArrayDyn<'_, f64>, name: &str) -> PyResult<&'a [Xyz]> {
-    use numpy::PyUntypedArrayMethods;
     match (array.shape(), array.as_slice()) {
         (&[3] | &[_, 3], Ok(flat)) if array.is_c_contiguous() => Ok(flat.as_chunks().0),
         _ => Err(PyValueError::new_err(format!(

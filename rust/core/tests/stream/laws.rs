@@ -47,12 +47,12 @@ fn a_stream_saved_and_read_back_anywhere_goes_on_as_the_same() {
                 saved = HingeStream::from_bytes(&saved.to_bytes()).expect("its own bytes");
             }
             if k % 250 == 249 {
-                assert_eq!(plain.to_bytes(), saved.to_bytes(), "{k}");
+                assert!(plain.to_bytes() == saved.to_bytes(), "{k}");
                 assert_eq!(spoken(&mut plain), spoken(&mut saved), "{k}");
             }
         }
-        assert!(!spoken(&mut plain).is_empty());
-        assert_eq!(plain.to_bytes(), saved.to_bytes());
+        assert!(!spoken(&mut plain).is_empty() && !spoken(&mut saved).is_empty());
+        assert!(plain.to_bytes() == saved.to_bytes());
     }
 }
 
@@ -84,7 +84,7 @@ fn an_empty_or_short_stream_says_nothing() {
     let samples = Linkage::new(6).samples(0.0, 30);
     let mut stream = fed(settings(), &samples);
     assert!(stream.estimate(None).is_none());
-    assert_eq!(stream.moving_seen() + stream.selected() as u64, stream.moving_seen() + stream.selected() as u64);
+    assert!(stream.selected() < 20);
 }
 
 #[test]

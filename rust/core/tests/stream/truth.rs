@@ -102,12 +102,9 @@ fn only_present_motion_is_present() {
     let before = present(&stream);
     let still = [0.0, 0.0, 0.0, 0.0, 0.0, 9.81, 0.0, 0.0, 0.0, 0.0, 0.0, 9.81];
     (0..3000).for_each(|k| stream.push(30.0 + f64::from(k) * 0.02, &still));
+    // Rest adds nothing: only the filter's tail of the motion that had just ended pushes old instants out.
     let after = present(&stream);
-    // Rest adds nothing: only the filter's tail of the motion that had just ended.
-    assert!(
-        after.len() == before.len() && after[..PRESENT_MOVING - 30] == before[30..]
-            || after[..100] == before[25..]
-            || before.ends_with(&after[..PRESENT_MOVING / 2]),
-        "rest pushed motion out"
-    );
+    assert_eq!(after.len(), before.len());
+    let pushed = (0..40).find(|n| before[*n..] == after[..after.len() - n]);
+    assert!(pushed.is_some(), "rest pushed motion out");
 }
