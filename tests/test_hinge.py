@@ -278,7 +278,7 @@ def test_a_knee_with_soft_tissue_is_an_approximate_hinge_and_paired_right(seed: 
 
 @pytest.mark.xfail(
     strict=True,
-    reason="bug: skin that slides with the joint turns the axis by 15 deg; the bound of a knee says 5 (0 of 30 hold)",
+    reason="limit: the bound is of the axis that the skin shows; sliding skin turns it 15 deg off the bone, bound 5 (0 of 30)",
 )
 def test_the_bound_of_a_knee_with_soft_tissue_holds_the_bones_axis() -> None:
     results = [calibrate(knee(seed)) for seed in range(4)]

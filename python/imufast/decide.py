@@ -238,17 +238,20 @@ class Decider:
         settings = self.settings
         hinge = facts.misfit is not None and facts.misfit < settings.hinge_misfit
         limit = settings.max_error_deg if hinge else settings.max_error_approximate_deg
-        if verdict in (Verdict.HINGE, Verdict.APPROXIMATE_HINGE) and not facts.bound_deg < limit:
+        judged = verdict in (Verdict.HINGE, Verdict.APPROXIMATE_HINGE)
+        if judged and not facts.bound_deg < limit:
             why += (f"the bound {facts.bound_deg:.3g}° is not below {limit:g}°",)
-        # Agreement counts from the first estimates on, whatever their bound; standing still adds nothing to it.
-        if not facts.change_deg < limit:
+        # Estimates agree whatever their bound is; standing still adds nothing to it.
+        if not judged:
+            self.run = 0
+        elif not facts.change_deg < limit:
             self.run = 1
-        elif facts.moved:
+            if facts.change_deg < 180.0:  # the first estimate has none before it
+                why += (f"the axes moved by {facts.change_deg:.3g}° since the last estimate",)
+        elif facts.moved or self.run == 0:
             self.run += 1
-        if self.accepted and not facts.change_deg < limit:
-            why += (f"the axes moved by {facts.change_deg:.3g}° since the last estimate",)
-        elif not self.accepted and self.run < settings.n_consistent:
-            why += (f"{self.run} of {settings.n_consistent} estimates in a row agree so far",)
+        if not self.accepted and not why and self.run < settings.n_consistent:
+            why = (f"{self.run} of {settings.n_consistent} estimates in a row agree so far",)
         if not self.accepted:
             if not why:
                 self.accepted_at_s, self.failed = time_s, 0

@@ -88,7 +88,7 @@ class AxisSettings:
             if 0.0 < self.lowpass_hz < 0.01:
                 raise SettingsError(f"lowpass_hz must be 0 (off) or at least 0.01, got {self.lowpass_hz!r}")
         self._count("max_iterations", 1, 100_000)
-        self._count("max_samples", 20, 10_000_000)
+        self._count("max_samples", 4, 10_000_000)
         self._number("window_s", 0.0, 60.0)
         self._number("floor_deg", 0.0, 90.0)
         self._number("energy_threshold", 0.0, 1e9, low_open=True)
@@ -147,6 +147,7 @@ class HingeSettings(AxisSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        self._count("max_samples", 20, 10_000_000)  # fewer say nothing of a joint
         self._number("max_error_deg", 0.0, 90.0, low_open=True)
         self._number("max_error_approximate_deg", 0.0, 90.0, low_open=True)
         self._count("n_consistent", 1, 1_000_000)
