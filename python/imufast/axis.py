@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -148,10 +148,18 @@ class Selection(Protocol):
 
 
 SettingsT = TypeVar("SettingsT", bound=AxisSettings)
+_DEFAULTS: dict[type[AxisSettings], AxisSettings] = {}
 
 
 def settings_from(kind: type[SettingsT], settings: SettingsT | None, keywords: dict[str, Any]) -> SettingsT:
     """`settings`, or the defaults of `kind`, with the keywords put in; unknown keywords are refused by name."""
+    if not keywords:
+        if settings is None:
+            if kind not in _DEFAULTS:
+                _DEFAULTS[kind] = kind()
+            return cast(SettingsT, _DEFAULTS[kind])
+        if isinstance(settings, kind):
+            return settings
     known = [f.name for f in fields(kind)]
     for name in keywords:
         if name not in known:

@@ -67,7 +67,13 @@ pub fn hinge_axis(
     let (solution, evidence) = py.detach(|| {
         let cost = HingeCost::new(Weights::published(weight_ratio), gyr.iter(), acc.iter());
         let starts = starts.unwrap_or_else(|| deterministic_starts(&cost).to_vec());
-        let solution = solve(&cost, &starts, &options, &mut || Python::attach(|py| py.check_signals()).is_ok());
+        // Asking Python costs as much as a few hundred samples: small problems ask now and then.
+        let (few, mut asked) = (cost.gyr_count() < 100_000, 0_u32);
+        let mut go_on = || {
+            asked = asked.wrapping_add(1);
+            (few && !asked.is_multiple_of(64)) || Python::attach(|py| py.check_signals()).is_ok()
+        };
+        let solution = solve(&cost, &starts, &options, &mut go_on);
         let evidence = Evidence::at(&solution.best().axes, &cost);
         (solution, evidence)
     });

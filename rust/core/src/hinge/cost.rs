@@ -93,9 +93,9 @@ impl HingeCost {
                 if weights.rate_scale.is_finite() { weights.rate_scale / (weights.rate_scale + rate1 + rate2) } else { 1.0 };
             let difference = weight * (rate1 - rate2);
             plain_energy += difference * difference;
-            for (channel, value) in channels.iter_mut().zip(gyr1.iter().chain(gyr2)) {
-                // The residual is homogeneous in the rates: weighted rates give the weighted residual.
-                channel.push(weight * value);
+            // The residual is homogeneous in the rates: weighted rates give the weighted residual.
+            for (k, channel) in channels.iter_mut().enumerate() {
+                channel.push(weight * if k < 3 { gyr1[k] } else { gyr2[k - 3] });
             }
         }
         let mut acc_pieces: Vec<AccPiece> = Vec::new();

@@ -43,7 +43,7 @@ pub struct SolveOptions {
 
 impl Default for SolveOptions {
     fn default() -> Self {
-        Self { max_iterations: 300, step_tolerance: 1e-7, gain_tolerance: 1e-15, coarse_first: true, distinct_angle: 0.01 }
+        Self { max_iterations: 300, step_tolerance: 1e-7, gain_tolerance: 1e-15, coarse_first: true, distinct_angle: 0.03 }
     }
 }
 
@@ -100,9 +100,9 @@ pub fn solve(cost: &HingeCost, starts: &[AxisPair], options: &SolveOptions, go_o
 }
 
 /// The coarse walk sees at least this many gyroscope samples...
-const COARSE_SAMPLES: usize = 2048;
+const COARSE_SAMPLES: usize = 256;
 /// ...and at least one in so many, so that a rare movement in a long recording still shapes its valleys.
-const COARSE_SHARE: usize = 8;
+const COARSE_SHARE: usize = 4;
 
 fn descend_all(cost: &HingeCost, starts: &[AxisPair], options: &SolveOptions, go_on: &mut dyn FnMut() -> bool) -> Solution {
     let mut found = Solution { minima: Vec::new(), iterations: 0 };
