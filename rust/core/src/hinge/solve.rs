@@ -102,7 +102,7 @@ pub fn solve(cost: &HingeCost, starts: &[AxisPair], options: &SolveOptions, go_o
 /// The coarse walk sees at least this many gyroscope samples...
 const COARSE_SAMPLES: usize = 256;
 /// ...and at least one in so many, so that a rare movement in a long recording still shapes its valleys.
-const COARSE_SHARE: usize = 4;
+const COARSE_SHARE: usize = 8;
 
 fn descend_all(cost: &HingeCost, starts: &[AxisPair], options: &SolveOptions, go_on: &mut dyn FnMut() -> bool) -> Solution {
     let mut found = Solution { minima: Vec::new(), iterations: 0 };
