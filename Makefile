@@ -38,6 +38,9 @@ test-all: .venv/.built
 bench: .venv/.bench
 	$(BIN)/python benches/two_imu.py
 	$(BIN)/python benches/speed.py
+	$(BIN)/python benches/lowpass.py
+	$(BIN)/python benches/stream.py
+	$(BIN)/python benches/papers/olsson2020/run.py
 
 lint: .venv/.built
 	$(BIN)/ruff check .

@@ -34,6 +34,15 @@ pub fn positive(value: f64, name: &str) -> PyResult<()> {
     Err(PyValueError::new_err(format!("{name} must be a positive finite number, got {value}")))
 }
 
+/// gyr1, acc1, gyr2, acc2 as slices of one length.
+pub fn pair<'a>(arrays: [&'a PyReadonlyArray2<'_, f64>; 4]) -> PyResult<[&'a [Xyz]; 4]> {
+    let [gyr1, acc1, gyr2, acc2] = arrays;
+    let slices = [xyz(gyr1, "gyr1")?, xyz(acc1, "acc1")?, xyz(gyr2, "gyr2")?, xyz(acc2, "acc2")?];
+    let [gyr1, acc1, gyr2, acc2] = slices.map(<[Xyz]>::len);
+    equal_lengths(&[("gyr1", gyr1), ("acc1", acc1), ("gyr2", gyr2), ("acc2", acc2)])?;
+    Ok(slices)
+}
+
 /// Refuses arrays of unequal length.
 pub fn equal_lengths(lengths: &[(&str, usize)]) -> PyResult<()> {
     match lengths {

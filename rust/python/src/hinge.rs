@@ -12,7 +12,7 @@ use imufast_core::{
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods, nalgebra};
 use pyo3::{exceptions::PyValueError, prelude::*};
 
-use crate::arrays::{equal_lengths, vector, xyz};
+use crate::arrays::{equal_lengths, pair, vector, xyz};
 
 type Matrix<const N: usize> = [[f64; N]; N];
 
@@ -56,8 +56,7 @@ pub fn hinge_axis(
     starts: Option<PyReadonlyArray3<'_, f64>>,
     max_iterations: usize,
 ) -> PyResult<HingeFit> {
-    let (gyr1, acc1, gyr2, acc2) = (xyz(&gyr1, "gyr1")?, xyz(&acc1, "acc1")?, xyz(&gyr2, "gyr2")?, xyz(&acc2, "acc2")?);
-    equal_lengths(&[("gyr1", gyr1.len()), ("acc1", acc1.len()), ("gyr2", gyr2.len()), ("acc2", acc2.len())])?;
+    let [gyr1, acc1, gyr2, acc2] = pair([&gyr1, &acc1, &gyr2, &acc2])?;
     let time = vector(&time_s, gyr1.len(), "time_s")?;
     let gyr = Chosen::new(time, gyr1, gyr2, &gyr_index, "gyr_index")?;
     let acc = Chosen::new(time, acc1, acc2, &acc_index, "acc_index")?;

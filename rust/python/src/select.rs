@@ -11,7 +11,7 @@ use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::{exceptions::PyValueError, prelude::*};
 
 use crate::{
-    arrays::{equal_lengths, positive, vector, xyz},
+    arrays::{pair, positive, vector},
     signals::join,
 };
 
@@ -34,8 +34,7 @@ pub fn select_samples<'py>(
     window_s: f64,
     energy_threshold: f64,
 ) -> PyResult<Selected<'py>> {
-    let (gyr1, acc1, gyr2, acc2) = (xyz(&gyr1, "gyr1")?, xyz(&acc1, "acc1")?, xyz(&gyr2, "gyr2")?, xyz(&acc2, "acc2")?);
-    equal_lengths(&[("gyr1", gyr1.len()), ("acc1", acc1.len()), ("gyr2", gyr2.len()), ("acc2", acc2.len())])?;
+    let [gyr1, acc1, gyr2, acc2] = pair([&gyr1, &acc1, &gyr2, &acc2])?;
     let time = vector(&time_s, gyr1.len(), "time_s")?;
     positive(rate_hz, "rate_hz")?;
     if window_s.is_nan() || window_s < 0.0 {

@@ -4,7 +4,7 @@ use imufast_core::{PairSample, Xyz, condition::Conditioner};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, ndarray::Array2};
 use pyo3::{exceptions::PyValueError, prelude::*};
 
-use crate::arrays::{equal_lengths, positive, vector, xyz};
+use crate::arrays::{pair, positive, vector};
 
 type Arrays<'py> = (Bound<'py, PyArray1<f64>>, [Bound<'py, PyArray2<f64>>; 4]);
 
@@ -22,8 +22,7 @@ pub fn condition<'py>(
     rate_hz: f64,
     cutoff_hz: f64,
 ) -> PyResult<Arrays<'py>> {
-    let (gyr1, acc1, gyr2, acc2) = (xyz(&gyr1, "gyr1")?, xyz(&acc1, "acc1")?, xyz(&gyr2, "gyr2")?, xyz(&acc2, "acc2")?);
-    equal_lengths(&[("gyr1", gyr1.len()), ("acc1", acc1.len()), ("gyr2", gyr2.len()), ("acc2", acc2.len())])?;
+    let [gyr1, acc1, gyr2, acc2] = pair([&gyr1, &acc1, &gyr2, &acc2])?;
     let time = vector(&time_s, gyr1.len(), "time_s")?;
     positive(rate_hz, "rate_hz")?;
     // A kernel that no stretch can fill lets nothing through; it need not be made to know that.
