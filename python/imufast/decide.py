@@ -241,8 +241,9 @@ class Decider:
         judged = verdict in (Verdict.HINGE, Verdict.APPROXIMATE_HINGE)
         if judged and not facts.bound_deg < limit:
             why += (f"the bound {facts.bound_deg:.3g}° is not below {limit:g}°",)
-        # Estimates agree whatever their bound is; standing still adds nothing to it.
-        if not judged:
+        # Estimates agree whatever their bound is and while the pairing is still open (another pairing would be a jump);
+        # standing still adds nothing to it.
+        if not judged and not facts.pairing_open:
             self.run = 0
         elif not facts.change_deg < limit:
             self.run = 1
@@ -279,6 +280,7 @@ class Decider:
         significance, ratio = record.acc_pairing
         by_acc = abs(record.pairing) <= PAIRING_MOTION and significance > PAIRING_ACC[0] and ratio > PAIRING_ACC[1]
         if not (record.pairing > PAIRING_MOTION or by_acc):
+            facts.pairing_open = not blocks and record.rival is None
             blocks += ("the motion does not tell yet which way the two axes belong together",)
         if record.rival is not None and record.rival[0] <= RIVAL[0] and record.rival[1] <= RIVAL[1]:
             blocks += ("another axis explains the motion about as well",)
@@ -316,9 +318,9 @@ class Decider:
         return apart > max(SLIP_DEG, 2.0 * math.hypot(fit_bound, before.bound_deg))
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Facts:
-    """What a step is judged by, beside the record."""
+    """What a step is judged by, beside the record; `pairing_open`: nothing but the pairing stands in the way of a verdict."""
 
     misfit: float | None
     relative_rate: float
@@ -326,3 +328,4 @@ class _Facts:
     bound_deg: float
     change_deg: float
     moved: bool
+    pairing_open: bool = False
