@@ -6,6 +6,14 @@ Units are SI (rad/s, m/s², s, m); names that end in `_deg` are degrees. Quatern
 from __future__ import annotations
 
 from imufast.axis import HingeAxis, HingeMinimum, SolveStatus, estimate_hinge_axis
+from imufast.center import (
+    CenterEstimate,
+    CenterStatus,
+    JointCenter,
+    JointCenterEstimator,
+    estimate_joint_center,
+    fit_joint_center,
+)
 from imufast.decide import HingeStep, Verdict
 from imufast.deviation import angular_deviation_deg
 from imufast.errors import FileFormatError, ImufastError, ImufastWarning, InputError, MissingFileError, SettingsError, UnitError
@@ -14,12 +22,31 @@ from imufast.imu import Imu, ReadInfo, Recording
 from imufast.io import align, read
 from imufast.report import report_json, write_json, write_report
 from imufast.select import SampleSelection, select_samples
-from imufast.settings import AxisSettings, HingeSettings
-from imufast.simulate import HingeSimulation, Motion, SoftTissue, random_biases, simulate_hinge
+from imufast.settings import AxisSettings, CenterSettings, HingeSettings
+from imufast.simulate import (
+    BallJointSimulation,
+    BallMotion,
+    Collisions,
+    HingeSimulation,
+    Motion,
+    SoftTissue,
+    paper_rig,
+    random_biases,
+    random_positions,
+    random_tissue,
+    simulate_ball_joint,
+    simulate_hinge,
+)
 from imufast.sync import TimeOffset, time_offset
 
 __all__ = [
     "AxisSettings",
+    "BallJointSimulation",
+    "BallMotion",
+    "CenterEstimate",
+    "CenterSettings",
+    "CenterStatus",
+    "Collisions",
     "FileFormatError",
     "HingeAxis",
     "HingeCalibration",
@@ -32,6 +59,8 @@ __all__ = [
     "ImufastError",
     "ImufastWarning",
     "InputError",
+    "JointCenter",
+    "JointCenterEstimator",
     "MissingFileError",
     "Motion",
     "ReadInfo",
@@ -47,10 +76,16 @@ __all__ = [
     "angular_deviation_deg",
     "calibrate_hinge",
     "estimate_hinge_axis",
+    "estimate_joint_center",
+    "fit_joint_center",
+    "paper_rig",
     "random_biases",
+    "random_positions",
+    "random_tissue",
     "read",
     "report_json",
     "select_samples",
+    "simulate_ball_joint",
     "simulate_hinge",
     "time_offset",
     "write_json",

@@ -7,12 +7,17 @@ from numpy.typing import NDArray
 
 __all__ = [
     "PRESENT_MOVING",
+    "CenterFit",
+    "CenterStream",
     "HingeFit",
     "HingeRecord",
     "HingeStream",
     "angular_deviation",
     "build_profile",
+    "center_residuals",
     "condition",
+    "fit_center",
+    "fit_center_linear",
     "hinge_axis",
     "hinge_residuals",
     "select_samples",
@@ -133,8 +138,6 @@ class HingeStream:
     @property
     def next_step_s(self) -> float: ...
     @property
-    def latest_s(self) -> float: ...
-    @property
     def mean_step_s(self) -> float | None: ...
     @property
     def changes(self) -> tuple[int, int]: ...
@@ -188,3 +191,102 @@ def select_samples(
     window_s: float,
     energy_threshold: float,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]: ...
+
+@final
+class CenterFit:
+    @property
+    def in_sensor1(self) -> list[float]: ...
+    @property
+    def in_sensor2(self) -> list[float]: ...
+    @property
+    def acc_bias1(self) -> list[float]: ...
+    @property
+    def acc_bias2(self) -> list[float]: ...
+    @property
+    def covariance(self) -> list[list[float]]: ...
+    @property
+    def acc_bias_covariance(self) -> list[list[float]]: ...
+    @property
+    def undetermined(self) -> list[list[float]]: ...
+    @property
+    def acc_bias_undetermined(self) -> list[list[float]]: ...
+    @property
+    def status(self) -> str: ...
+    @property
+    def cost(self) -> float: ...
+    @property
+    def iterations(self) -> int: ...
+    @property
+    def residual_std(self) -> float: ...
+    @property
+    def unexplained(self) -> float: ...
+    @property
+    def pieces(self) -> int: ...
+    @property
+    def n_samples(self) -> int: ...
+
+_Array: TypeAlias = NDArray[np.float64]
+
+@final
+class CenterStream:
+    def __new__(
+        cls,
+        rate_hz: float,
+        lowpass_hz: float,
+        five_points: bool,
+        least_rate: float,
+        max_samples: int,
+        bias_from_rest: bool,
+    ) -> CenterStream: ...
+    def push(self, gyr1: _Array, acc1: _Array, gyr2: _Array, acc2: _Array, time_s: _Array | None) -> None: ...
+    def fit(
+        self,
+        method: str,
+        bias_std: float,
+        lever_std: float,
+        axis: list[list[float]] | None,
+        undetermined_std: float,
+        max_iterations: int,
+    ) -> CenterFit: ...
+    def moments(self) -> tuple[_Array, tuple[_Array, ...]]: ...
+    @property
+    def correlated(self) -> float: ...
+    @property
+    def delay_s(self) -> float: ...
+    @property
+    def count(self) -> int: ...
+    @property
+    def gyr_bias(self) -> list[list[float] | None]: ...
+    def state(self) -> bytes: ...
+    @staticmethod
+    def restore(state: bytes) -> CenterStream: ...
+
+def center_residuals(
+    moments: list[_Array],
+    time_s: _Array,
+    in_sensor1: list[float],
+    in_sensor2: list[float],
+    acc_bias1: list[float],
+    acc_bias2: list[float],
+) -> _Array: ...
+def fit_center(
+    moments: list[_Array],
+    time_s: _Array,
+    method: str,
+    bias_std: float,
+    lever_std: float,
+    correlated: float,
+    axis: list[list[float]] | None,
+    undetermined_std: float,
+    max_iterations: int,
+) -> CenterFit: ...
+def fit_center_linear(
+    moments: list[_Array],
+    time_s: _Array,
+    q_12: _Array,
+    bias_std: float,
+    lever_std: float,
+    correlated: float,
+    axis: list[list[float]] | None,
+    undetermined_std: float,
+) -> CenterFit: ...

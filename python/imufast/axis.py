@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Any, Protocol, TypeVar, cast
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from imufast import _core
-from imufast.errors import InputError, SettingsError
+from imufast.errors import InputError
 from imufast.imu import Imu
 from imufast.pairs import PairSignals, pair_signals
-from imufast.settings import AxisSettings
+from imufast.settings import AxisSettings, settings_from
 
 __all__ = ["HingeAxis", "HingeMinimum", "SolveStatus", "estimate_hinge_axis"]
 
@@ -145,30 +145,6 @@ class Selection(Protocol):
     def gyr_index(self) -> NDArray[np.int64]: ...
     @property
     def acc_index(self) -> NDArray[np.int64]: ...
-
-
-SettingsT = TypeVar("SettingsT", bound=AxisSettings)
-_DEFAULTS: dict[type[AxisSettings], AxisSettings] = {}
-
-
-def settings_from(kind: type[SettingsT], settings: SettingsT | None, keywords: dict[str, Any]) -> SettingsT:
-    """`settings`, or the defaults of `kind`, with the keywords put in; unknown keywords are refused by name."""
-    if not keywords:
-        if settings is None:
-            if kind not in _DEFAULTS:
-                _DEFAULTS[kind] = kind()
-            return cast(SettingsT, _DEFAULTS[kind])
-        if isinstance(settings, kind):
-            return settings
-    known = [f.name for f in fields(kind)]
-    for name in keywords:
-        if name not in known:
-            raise SettingsError(f"unknown setting {name!r}; known are {', '.join(known)}")
-    if settings is None:
-        return kind(**keywords)
-    if not isinstance(settings, kind):
-        raise SettingsError(f"settings must be {kind.__name__}, got {type(settings).__name__}")
-    return replace(settings, **keywords) if keywords else settings
 
 
 def estimate_hinge_axis(

@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from imufast import _core
-from imufast.axis import settings_from
 from imufast.decide import Decider, Estimate, HingeStep, Past, Verdict
 from imufast.errors import InputError, SettingsError
 from imufast.imu import Imu
 from imufast.pairs import check_pair
-from imufast.settings import HingeSettings, check_count, check_number
+from imufast.settings import HingeSettings, check_count, check_number, settings_from
 
 __all__ = ["HingeCalibration", "HingeCalibrator", "calibrate_hinge"]
 

@@ -39,8 +39,12 @@ class PairSignals:
         return _core.hinge_residuals(self.gyr1, self.gyr2, axis1.tolist(), axis2.tolist())
 
 
-def check_pair(imu1: Imu, imu2: Imu) -> Recording:
+def check_pair(imu1: Imu, imu2: Imu, *, same_data: bool = False) -> Recording:
     """Check that two Imus can be the two sensors of a joint.
+
+    Args:
+        imu1, imu2: the Imus.
+        same_data: whether the same data twice pass: for callers that have an answer to it.
 
     Raises:
         InputError: not Imus, different time bases, the same data twice, or fewer than four samples.
@@ -55,7 +59,7 @@ def check_pair(imu1: Imu, imu2: Imu) -> Recording:
     recording = Recording({"imu1": imu1, "imu2": imu2})
     if len(imu1) < 4:
         raise InputError(f"imu1 and imu2 have {len(imu1)} samples; at least 4 are needed")
-    if np.array_equal(imu1.gyr, imu2.gyr) and imu1.gyr.any():
+    if not same_data and np.array_equal(imu1.gyr, imu2.gyr) and imu1.gyr.any():
         raise InputError(f"imu1 ({imu1.name!r}) and imu2 ({imu2.name!r}) hold the same gyr data: give two different sensors")
     return recording
 

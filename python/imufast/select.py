@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imufast import _core
-from imufast.axis import settings_from
 from imufast.imu import Imu
 from imufast.pairs import pair_signals
-from imufast.settings import AxisSettings
+from imufast.settings import AxisSettings, settings_from
 
 __all__ = ["SampleSelection", "select_samples"]
 

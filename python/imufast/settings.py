@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from numbers import Integral, Real
+from typing import Any, TypeVar, cast
 
 from imufast.errors import SettingsError
 
-__all__ = ["AxisSettings", "HingeSettings"]
+__all__ = ["AxisSettings", "CenterSettings", "HingeSettings", "settings_from"]
 
 
 def check_number(name: str, value: object, low: float, high: float, *, low_open: bool = False) -> float:
@@ -36,8 +37,55 @@ def check_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
         raise SettingsError(f"{name} must be one of {', '.join(map(repr, choices))}, got {value!r}")
 
 
+SettingsT = TypeVar("SettingsT", bound="Settings")
+_DEFAULTS: dict[type[Any], Any] = {}
+
+
+def settings_from(kind: type[SettingsT], settings: SettingsT | None, keywords: dict[str, Any]) -> SettingsT:
+    """`settings`, or the defaults of `kind`, with the keywords put in; unknown keywords are refused by name."""
+    if not keywords:
+        if settings is None:
+            if kind not in _DEFAULTS:
+                _DEFAULTS[kind] = kind()
+            return cast(SettingsT, _DEFAULTS[kind])
+        if isinstance(settings, kind):
+            return settings
+    known = [f.name for f in fields(kind)]
+    for name in keywords:
+        if name not in known:
+            raise SettingsError(f"unknown setting {name!r}; known are {', '.join(known)}")
+    if settings is None:
+        return kind(**keywords)
+    if not isinstance(settings, kind):
+        raise SettingsError(f"settings must be {kind.__name__}, got {type(settings).__name__}")
+    return replace(settings, **keywords) if keywords else settings
+
+
 @dataclass(frozen=True, kw_only=True)
-class AxisSettings:
+class Settings:
+    """What all settings share: checks that leave plain values behind."""
+
+    lowpass_hz: float | None = None
+
+    def _number(self, name: str, low: float, high: float, *, low_open: bool = False) -> None:
+        object.__setattr__(self, name, check_number(name, getattr(self, name), low, high, low_open=low_open))
+
+    def _count(self, name: str, low: int, high: int) -> None:
+        object.__setattr__(self, name, check_count(name, getattr(self, name), low, high))
+
+    def _flag(self, name: str) -> None:
+        if not isinstance(getattr(self, name), bool):
+            raise SettingsError(f"{name} must be True or False, got {getattr(self, name)!r}")
+
+    def _lowpass(self) -> None:
+        if self.lowpass_hz is not None:
+            self._number("lowpass_hz", 0.0, 1e6)
+            if 0.0 < self.lowpass_hz < 0.01:
+                raise SettingsError(f"lowpass_hz must be 0 (off) or at least 0.01, got {self.lowpass_hz!r}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisSettings(Settings):
     """How samples are chosen and the hinge axis is estimated from them (Olsson et al. 2020, Algorithms 1 to 3).
 
     Args:
@@ -63,18 +111,11 @@ class AxisSettings:
     starts: str = "deterministic"
     random_starts: int = 1
     seed: int = 0
-    lowpass_hz: float | None = None
     max_iterations: int = 300
     max_samples: int = 1000
     window_s: float = 0.42
     energy_threshold: float = 1.0
     floor_deg: float = 0.5
-
-    def _number(self, name: str, low: float, high: float, *, low_open: bool = False) -> None:
-        object.__setattr__(self, name, check_number(name, getattr(self, name), low, high, low_open=low_open))
-
-    def _count(self, name: str, low: int, high: int) -> None:
-        object.__setattr__(self, name, check_count(name, getattr(self, name), low, high))
 
     def __post_init__(self) -> None:
         self._number("weight_ratio", 1e-12, 1e12)
@@ -83,10 +124,7 @@ class AxisSettings:
         self._count("seed", 0, 2**63)
         if self.starts != "random" and (self.random_starts, self.seed) != (1, 0):
             raise SettingsError('seed and random_starts only mean something with starts="random"; leave them out')
-        if self.lowpass_hz is not None:
-            self._number("lowpass_hz", 0.0, 1e6)
-            if 0.0 < self.lowpass_hz < 0.01:
-                raise SettingsError(f"lowpass_hz must be 0 (off) or at least 0.01, got {self.lowpass_hz!r}")
+        self._lowpass()
         self._count("max_iterations", 1, 100_000)
         self._count("max_samples", 4, 10_000_000)
         self._number("window_s", 0.0, 60.0)
@@ -159,8 +197,7 @@ class HingeSettings(AxisSettings):
         self._number("gyr_bias_std", 0.0, 10.0)
         self._number("gyr_bias_rest_std", 0.0, 10.0)
         self._number("acc_bias_std", 0.0, 100.0)
-        if not isinstance(self.bias_from_rest, bool):
-            raise SettingsError(f"bias_from_rest must be True or False, got {self.bias_from_rest!r}")
+        self._flag("bias_from_rest")
         check_choice("acceptance", self.acceptance, ("calibrated", "published"))
 
     @classmethod
@@ -174,4 +211,65 @@ class HingeSettings(AxisSettings):
             offset_prior=inf,
             bias_from_rest=False,
             acceptance="published",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CenterSettings(Settings):
+    """How a joint centre is estimated (Olsson & Halvorsen 2017, and what makes it good).
+
+    Args:
+        lowpass_hz: cut-off (-6 dB) of the one low-pass that both signals of both sensors go through first, Hz; None or 0: raw
+            signals, as published. Default 5.
+        derivative: "five-point" or "three-point" (eq. 8, as published) central differences of the rates.
+        least_rate: instants at which neither sensor turns faster than this are passed over, rad/s. Default 0; the paper's
+            gate is 1.2.
+        acc_bias_std: standard deviation of an accelerometer bias beforehand, m/s²; biases are then unknowns like the centres.
+            None: no biases, as published. Default 0.3.
+        lever_std: standard deviation of a lever arm beforehand, m; inf: nothing is known, as published. Default 1.
+        robust: with method "ss": squares of small residuals, absolute values of those beyond 1.345 standard deviations
+            (Huber). Default False.
+        max_samples: most instants that an estimate rests on; of more, the most exciting. Default 16384.
+        bias_from_rest: subtract the gyroscope biases that rest shows. Default True.
+        undetermined_std: directions in which the centre is less certain than this are `undetermined`, m. Default 0.02.
+        max_iterations: Newton steps of one descent. Default 200.
+
+    Raises:
+        SettingsError: a value is out of its range.
+    """
+
+    lowpass_hz: float | None = 5.0
+    derivative: str = "five-point"
+    least_rate: float = 0.0
+    acc_bias_std: float | None = 0.3
+    lever_std: float = 1.0
+    robust: bool = False
+    max_samples: int = 16384
+    bias_from_rest: bool = True
+    undetermined_std: float = 0.02
+    max_iterations: int = 200
+
+    def __post_init__(self) -> None:
+        self._lowpass()
+        check_choice("derivative", self.derivative, ("five-point", "three-point"))
+        self._number("least_rate", 0.0, 100.0)
+        if self.acc_bias_std is not None:
+            self._number("acc_bias_std", 0.0, 100.0)
+        self._number("lever_std", 0.0, float("inf"), low_open=True)
+        self._flag("robust")
+        self._flag("bias_from_rest")
+        self._count("max_samples", 20, 10_000_000)
+        self._number("undetermined_std", 0.0, 100.0, low_open=True)
+        self._count("max_iterations", 1, 100_000)
+
+    @classmethod
+    def as_published(cls) -> CenterSettings:
+        """The paper's own choice: raw signals, eq. 8, nothing known beforehand, every sample."""
+        return cls(
+            lowpass_hz=None,
+            derivative="three-point",
+            acc_bias_std=None,
+            lever_std=float("inf"),
+            max_samples=1_000_000,
+            bias_from_rest=False,
         )

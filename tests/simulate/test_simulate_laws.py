@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from imufast.simulate import HingeSimulation, SoftTissue, simulate_hinge
 from imufast.simulate.checks import FloatArray
+from laws import differ, joint_acceleration, rotation, slope
 from scipy.spatial.transform import Rotation
 
 MOTIONS: list[int | str] = [*range(1, 15), "mixed", "walking", "sit_to_stand"]
@@ -31,24 +32,6 @@ def case_name(case: dict[str, Any]) -> str:
 
 def at(case: dict[str, Any], start_s: float, step_s: float, n: int, **more: Any) -> HingeSimulation:
     return simulate_hinge(time_s=start_s + step_s * np.arange(n), **{"seed": 11, **case, **more})
-
-
-def rotation(q: FloatArray) -> Rotation:
-    return Rotation.from_quat(np.roll(q, -1, axis=-1))
-
-
-def differ(a: FloatArray, b: FloatArray) -> float:
-    return float(np.abs(a - b).max())
-
-
-def slope(values: FloatArray, step: float) -> FloatArray:
-    """Central difference of eighth order, at the samples 4 .. N-5."""
-    weights = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
-    n = len(values)
-    total: FloatArray = sum(
-        w * (values[4 + k : n - 4 + k] - values[4 - k : n - 4 - k]) for k, w in enumerate(weights, start=1)
-    ) / np.float64(step)
-    return total
 
 
 @pytest.mark.parametrize("case", CASES, ids=case_name)
@@ -104,18 +87,6 @@ def test_specific_force_is_the_second_derivative_of_the_position_plus_gravity(ca
 @pytest.mark.parametrize("case", CASES, ids=case_name)
 def test_both_sensors_agree_on_the_acceleration_of_the_joint_centre(case: dict[str, Any]) -> None:
     """Eqs 4-7, with the matrix K written out."""
-
-    def joint_acceleration(acc: FloatArray, gyr: FloatArray, rate: FloatArray, joint_in_sensor: FloatArray) -> FloatArray:
-        (x, y, z), (dx, dy, dz) = gyr.T, rate.T
-        K = np.array(
-            [
-                [-(y**2) - z**2, x * y - dz, x * z + dy],
-                [x * y + dz, -(x**2) - z**2, y * z - dx],
-                [x * z - dy, y * z + dx, -(x**2) - y**2],
-            ]
-        )
-        return np.asarray(acc - np.einsum("ijn,j->ni", K, -joint_in_sensor))
-
     s = simulate_hinge(seed=5, **case)
     a1 = joint_acceleration(s.acc1_true, s.gyr1_true, s.gyr_rate1_true, s.joint_in_sensor1)
     a2 = joint_acceleration(s.acc2_true, s.gyr2_true, s.gyr_rate2_true, s.joint_in_sensor2)

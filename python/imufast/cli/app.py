@@ -17,7 +17,6 @@ from typing import Any, TextIO, TypeVar
 
 import click
 
-from imufast.axis import settings_from
 from imufast.cli import result as print_result
 from imufast.cli import show
 from imufast.errors import ImufastError, ImufastWarning, InputError
@@ -27,7 +26,7 @@ from imufast.io import format_names, read
 from imufast.report import words, write_json, write_report
 from imufast.report.files import check_target
 from imufast.report.page import check_extra
-from imufast.settings import HingeSettings
+from imufast.settings import HingeSettings, settings_from
 from imufast.simulate import random_biases, simulate_hinge
 from imufast.sync import TimeOffset, time_offset
 

@@ -2,19 +2,35 @@
 
 from __future__ import annotations
 
+from .ball_joint import simulate_ball_joint
+from .ball_motions import BallMotion, paper_segment
+from .disturbances import Collisions, TissueMatrices, random_tissue
 from .hinge import simulate_hinge
 from .motions import Motion, paper_motion, scenario_motions
+from .placement import PaperRig, SensorPositions, paper_rig, random_positions
 from .sensors import SensorBiases, random_biases
-from .simulation import HingeSimulation
+from .simulation import BallJointSimulation, HingeSimulation, PairSimulation
 from .soft_tissue import SoftTissue
 
 __all__ = [
+    "BallJointSimulation",
+    "BallMotion",
+    "Collisions",
     "HingeSimulation",
     "Motion",
+    "PairSimulation",
+    "PaperRig",
     "SensorBiases",
+    "SensorPositions",
     "SoftTissue",
+    "TissueMatrices",
     "paper_motion",
+    "paper_rig",
+    "paper_segment",
     "random_biases",
+    "random_positions",
+    "random_tissue",
     "scenario_motions",
+    "simulate_ball_joint",
     "simulate_hinge",
 ]

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from imufast.errors import SettingsError
 
-__all__ = ["FloatArray", "number", "one_of", "quaternion", "seed_number", "times", "vector3", "whole"]
+__all__ = ["FloatArray", "matrix33", "number", "one_of", "quaternion", "seed_number", "times", "vector3", "whole"]
 
 FloatArray = NDArray[np.float64]
 
@@ -61,6 +61,14 @@ def vector3(name: str, value: ArrayLike) -> FloatArray:
     clean = _array(name, value)
     if clean.shape != (3,):
         raise SettingsError(f"{name} must have shape (3,); got {clean.shape}")
+    return clean
+
+
+def matrix33(name: str, value: ArrayLike) -> FloatArray:
+    """A finite (3, 3) matrix."""
+    clean = _array(name, value)
+    if clean.shape != (3, 3):
+        raise SettingsError(f"{name} must have shape (3, 3); got {clean.shape}")
     return clean
 
 

@@ -8,8 +8,9 @@ horizontal plane and swing is the turn of segment 1 about it. Segment 2 is segme
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,10 +18,11 @@ from imufast.errors import SettingsError
 
 from .checks import FloatArray, number, one_of, whole
 from .human import sit_to_stand, walking
+from .motion_base import MotionBase
 from .pose import Pose, Program
 from .signals import Signal, Sinusoids, random_band, stream
 
-__all__ = ["FAST_TEMPO", "KINDS", "Motion", "as_motions", "paper_motion", "program", "scenario_motions"]
+__all__ = ["FAST_TEMPO", "KINDS", "Motion", "named_motion", "paper_motion", "program", "scenario_motions"]
 
 KINDS = ("mixed", "stationary", "stiff", "sequential", "planar", "free", "walking", "sit_to_stand")
 # Motions 8-14: the same ranges at 2.5 times the rate. Median rates are 1 to 3, then 3 to 7 rad/s; rig files show 1 to 3.
@@ -28,7 +30,7 @@ FAST_TEMPO = 2.5
 
 
 @dataclass(frozen=True)
-class Motion:
+class Motion(MotionBase):
     """One motion of the two segments.
 
     Attributes:
@@ -49,46 +51,7 @@ class Motion:
         SettingsError: a value out of range; the message names it.
     """
 
-    kind: str
-    label: str | None = None
-    duration_s: float = 50.0
-    start_s: float = 0.0
-    stop_s: float | None = None
-    tempo: float = 1.0
-    size: float = 1.0
-    axis_tilt_rad: float = 0.0
-    sway_m: float = 0.03
-    take: int = 0
-
-    def __post_init__(self) -> None:
-        one_of("kind", self.kind, KINDS)
-        if self.label is not None and not isinstance(self.label, str):
-            raise SettingsError(f"label must be a string or None; got {self.label!r}")
-        number("duration_s", self.duration_s, above=0.0)
-        number("start_s", self.start_s, least=0.0, below=self.duration_s)
-        if self.stop_s is not None:
-            number("stop_s", self.stop_s, above=self.start_s)
-            if self.stop_s > self.duration_s:
-                raise SettingsError(f"stop_s must not exceed duration_s = {self.duration_s:g}; got {self.stop_s:g}")
-        number("tempo", self.tempo, above=0.0)
-        number("size", self.size, least=0.0)
-        number("axis_tilt_rad", self.axis_tilt_rad)
-        number("sway_m", self.sway_m, least=0.0)
-        whole("take", self.take, least=0)
-
-    @property
-    def name(self) -> str:
-        """The label, or the kind where there is none."""
-        return self.kind if self.label is None else self.label
-
-    @property
-    def recorded_s(self) -> float:
-        """Length of the stretch that is recorded, s."""
-        return (self.duration_s if self.stop_s is None else self.stop_s) - self.start_s
-
-    def stretch(self, start_s: float, stop_s: float) -> Motion:
-        """The same motion, recorded from `start_s` to `stop_s` only."""
-        return replace(self, start_s=start_s, stop_s=stop_s)
+    KINDS: ClassVar[tuple[str, ...]] = KINDS
 
 
 def paper_motion(motion: int, duration_s: float = 50.0) -> Motion:
@@ -140,24 +103,14 @@ def scenario_motions(scenario: int, duration_s: float = 50.0) -> tuple[Motion, .
     return (m[1], m[8], *first, excitation, *second)
 
 
-def as_motions(motion: int | str | Motion | Sequence[int | str | Motion], duration_s: float | None) -> tuple[Motion, ...]:
-    """What `simulate_hinge` was asked for, as motions; `duration_s`, where given, is the length of each number or name."""
-    if isinstance(motion, Motion):
-        if duration_s is not None:
-            raise SettingsError("duration_s has no effect on a Motion, which has its own; set Motion(duration_s=...)")
-        return (motion,)
-    length = 50.0 if duration_s is None else number("duration_s", duration_s, above=0.0)
+def named_motion(motion: Any, duration_s: float | None) -> Motion:
+    """The motion of a number or a name that `simulate_hinge` was given; 50 s long unless stated."""
+    length = 50.0 if duration_s is None else duration_s
     if isinstance(motion, str):
         if motion not in KINDS:
             raise SettingsError(f"motion must be 1 to 14 or one of {', '.join(KINDS)}; got {motion!r}")
-        return (Motion(motion, duration_s=length),)
-    if isinstance(motion, Sequence):
-        if not motion:
-            raise SettingsError("motion must not be an empty sequence")
-        if any(isinstance(m, Sequence) and not isinstance(m, str) for m in motion):
-            raise SettingsError("motion must be one flat sequence; it holds another sequence")
-        return tuple(m if isinstance(m, Motion) else as_motions(m, duration_s)[0] for m in motion)
-    return (paper_motion(motion, length),)
+        return Motion(motion, duration_s=length)
+    return paper_motion(motion, length)
 
 
 def program(motion: Motion, seed: int) -> Program:

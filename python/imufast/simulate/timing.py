@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from imufast.errors import SettingsError
 
-from .checks import FloatArray
+from .checks import FloatArray, number, times
+from .motion_base import MotionBase
 
-__all__ = ["Part", "arrived", "interval_before", "schedule"]
+__all__ = ["Clock", "Part", "Timeline", "arrived", "interval_before", "schedule"]
 
 MOST_SAMPLES = 2e7  # about 10 GB of readings and truth
 
@@ -22,6 +25,53 @@ class Part:
 
     time_s: FloatArray
     since_start_s: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Timeline:
+    """All stretches of a recording; `rate_hz` is None where they lie on given times."""
+
+    parts: list[Part]
+    rate_hz: float | None
+
+    @cached_property
+    def time_s(self) -> FloatArray:
+        """(N,) time stamps of all stretches, s."""
+        return np.concatenate([part.time_s for part in self.parts])
+
+    @property
+    def counts(self) -> list[int]:
+        """Number of samples of each stretch."""
+        return [len(part.time_s) for part in self.parts]
+
+    @property
+    def unbroken(self) -> bool:
+        """Whether all samples lie on one regular grid without a gap."""
+        return self.rate_hz is not None and bool((np.diff(np.round(self.time_s * self.rate_hz)) == 1.0).all())
+
+
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """When samples are asked for: at a rate, or at given times (N,), s."""
+
+    rate_hz: float
+    time_s: FloatArray | None
+
+    @classmethod
+    def checked(cls, rate_hz: float | None, time_s: ArrayLike | None, usual_hz: float) -> Clock:
+        """The settings of a simulation, checked; where neither is given, the usual rate."""
+        if time_s is not None and rate_hz is not None:
+            raise SettingsError("rate_hz and time_s exclude each other; give one of them")
+        rate = number("rate_hz", usual_hz if rate_hz is None else rate_hz, above=0.0)
+        return cls(rate, None if time_s is None else times("time_s", time_s))
+
+    def timeline(self, motions: Sequence[MotionBase], transition_s: float) -> Timeline:
+        """The motions one after the other, `transition_s` apart."""
+        gap_s = number("transition_s", transition_s, least=0.0)
+        parts = schedule([m.recorded_s for m in motions], gap_s, self.rate_hz, self.time_s)
+        if sum(len(part.time_s) for part in parts) < 2:
+            raise SettingsError("duration_s, rate_hz or time_s leave fewer than 2 samples")
+        return Timeline(parts, self.rate_hz if self.time_s is None else None)
 
 
 def schedule(durations_s: list[float], gap_s: float, rate_hz: float, time_s: FloatArray | None) -> list[Part]:

@@ -23,16 +23,22 @@
 //! | [`condition`] | even time, low-pass, breaks: what comes before any algorithm |
 //! | [`reservoir`] | bounded memory of an endless stream |
 //! | [`rest`] | gyroscope bias from rest |
+//! | [`state`] | saved states |
+//! | [`rigid_body`] | lever matrix K(ω, ω̇), joint-centre acceleration, central differences |
 //! | [`hinge`] | hinge axis, Olsson et al. 2020 |
+//! | [`joint_center`] | joint centre, Olsson & Halvorsen 2017 |
 #![cfg_attr(not(feature = "std"), no_std)]
 extern crate alloc;
 
 pub mod condition;
 pub mod hinge;
+pub mod joint_center;
 pub mod lowpass;
 pub mod reservoir;
 pub mod rest;
+pub mod rigid_body;
 pub mod so3;
+pub mod state;
 
 /// A vector in a sensor frame, as it arrives: x, y, z.
 pub type Xyz = [f64; 3];

@@ -1,6 +1,8 @@
 //! Python binding of imufast-core: check, view, release the GIL, call, wrap. Nothing else.
 
 mod arrays;
+mod blocks;
+mod center;
 mod hinge;
 mod select;
 mod signals;
@@ -11,6 +13,8 @@ use pyo3::prelude::*;
 /// Numerical core of imufast.
 #[pymodule]
 mod _core {
+    #[pymodule_export]
+    use super::center::{CenterFit, CenterStream, center_residuals, fit_center, fit_center_linear};
     #[pymodule_export]
     use super::hinge::{HingeFit, angular_deviation, hinge_axis, hinge_residuals};
     #[pymodule_export]

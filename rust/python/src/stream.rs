@@ -12,11 +12,12 @@ use imufast_core::{
         stream::{HingeStream as Core, PRESENT_MOVING, StreamSettings},
     },
 };
-use numpy::{PyReadonlyArray3, PyReadonlyArrayDyn, PyUntypedArrayMethods, nalgebra};
+use numpy::{PyReadonlyArray3, PyReadonlyArrayDyn, nalgebra};
 use pyo3::{exceptions::PyValueError, prelude::*, types::PyBytes};
 
 use crate::{
     arrays::positive,
+    blocks::{Block, Clock},
     hinge::{pairs, status_name},
 };
 
@@ -92,14 +93,9 @@ impl HingeRecord {
 
 struct State {
     core: Core,
-    rate_hz: f64,
-    /// Whether samples come with their times; the first call says.
-    timed: Option<bool>,
-    /// Samples so far, time of the first and of the latest, and of the one that waits for a step of estimation.
-    count: u64,
+    clock: Clock,
+    /// Time of the sample that waits for a step of estimation, s.
     waiting_s: f64,
-    first_s: f64,
-    latest_s: f64,
     /// Steps of estimation done, and how long one is, s.
     steps: u64,
     step_s: f64,
@@ -107,7 +103,7 @@ struct State {
 
 impl State {
     fn next_step_s(&self) -> f64 {
-        self.first_s + (self.steps + 1) as f64 * self.step_s
+        self.clock.first_s + (self.steps + 1) as f64 * self.step_s
     }
 }
 
@@ -158,17 +154,7 @@ impl HingeStream {
             )));
         }
         let core = Core::new(settings);
-        let state = State {
-            core,
-            rate_hz,
-            timed: None,
-            count: 0,
-            waiting_s: 0.0,
-            first_s: 0.0,
-            latest_s: f64::NEG_INFINITY,
-            steps: 0,
-            step_s,
-        };
+        let state = State { core, clock: Clock::new(rate_hz), waiting_s: 0.0, steps: 0, step_s };
         Ok(Self { state: Mutex::new(state) })
     }
 
@@ -186,40 +172,17 @@ impl HingeStream {
         time_s: Option<PyReadonlyArrayDyn<'_, f64>>,
         start: usize,
     ) -> PyResult<usize> {
-        let rows = [rows(&gyr1, "gyr1")?, rows(&acc1, "acc1")?, rows(&gyr2, "gyr2")?, rows(&acc2, "acc2")?];
-        let count = rows.first().map_or(0, |r| r.len());
-        for (name, rows) in ["gyr1", "acc1", "gyr2", "acc2"].iter().zip(&rows) {
-            if rows.len() != count {
-                return Err(PyValueError::new_err(format!("gyr1 has {count} samples but {name} has {}", rows.len())));
-            }
-            if start == 0 && !rows.iter().flatten().all(|x| x.abs() < 1e9) {
-                return Err(PyValueError::new_err(format!("{name} holds values that are not finite or absurdly large")));
-            }
-        }
-        let time = match &time_s {
-            Some(array) if array.ndim() == 1 => {
-                Some(array.as_slice().map_err(|e| PyValueError::new_err(format!("time_s: {e}")))?)
-            }
-            Some(array) => {
-                return Err(PyValueError::new_err(format!("time_s must have shape (N,), got {:?}", array.shape())));
-            }
-            None => None,
-        };
+        let block = Block::new([&gyr1, &acc1, &gyr2, &acc2], time_s.as_ref())?;
         let mut state = self.lock();
         if start == 0 {
-            if state.timed.is_some_and(|timed| timed != time.is_some()) {
-                return Err(PyValueError::new_err("time_s must be given with every call or with none"));
-            }
-            if let Some(time) = time {
-                check_time(time, count, state.latest_s)?;
-            }
+            block.check(&state.clock)?;
         }
-        state.timed = Some(time.is_some());
-        if count - start.min(count) < 64 {
-            return Ok(take(&mut state, &rows, time, start));
+        state.clock.timed = Some(block.timed());
+        if block.len() - start.min(block.len()) < 64 {
+            return Ok(take(&mut state, &block, start));
         }
         drop(state);
-        py.detach(|| Ok(take(&mut self.lock(), &rows, time, start)))
+        py.detach(|| Ok(take(&mut self.lock(), &block, start)))
     }
 
     /// Ends a step of estimation: everything the samples so far say; None while there are too few.
@@ -239,7 +202,7 @@ impl HingeStream {
     /// Moves on to the next step of estimation; steps that a gap has skipped are passed over.
     fn next_step(&self) {
         let mut state = self.lock();
-        let passed = ((state.waiting_s - state.first_s) / state.step_s).floor();
+        let passed = ((state.waiting_s - state.clock.first_s) / state.step_s).floor();
         state.steps = (state.steps + 1).max(if passed > 0.0 { passed as u64 } else { 0 });
     }
 
@@ -249,17 +212,11 @@ impl HingeStream {
         self.lock().next_step_s()
     }
 
-    /// Time of the latest sample, s.
-    #[getter]
-    fn latest_s(&self) -> f64 {
-        self.lock().latest_s
-    }
-
     /// Mean time between samples, s; None before the second.
     #[getter]
     fn mean_step_s(&self) -> Option<f64> {
-        let state = self.lock();
-        (state.count > 1).then(|| (state.latest_s - state.first_s) / (state.count - 1) as f64)
+        let clock = self.lock().clock;
+        (clock.count > 1).then(|| (clock.latest_s - clock.first_s) / (clock.count - 1) as f64)
     }
 
     /// Samples that joined the selection since the last estimate, and how many are selected.
@@ -315,13 +272,9 @@ impl HingeStream {
     /// Everything it knows, as bytes.
     fn state<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
         let state = self.lock();
-        let mut bytes = Vec::new();
-        for number in [state.rate_hz, state.first_s, state.latest_s, state.step_s, state.waiting_s] {
-            bytes.extend(number.to_le_bytes());
-        }
-        for number in [state.count, state.steps, state.timed.map_or(0, |timed| 1 + u64::from(timed))] {
-            bytes.extend(number.to_le_bytes());
-        }
+        let mut bytes = state.clock.to_bytes();
+        bytes.extend([state.step_s, state.waiting_s].map(f64::to_le_bytes).into_iter().flatten());
+        bytes.extend(state.steps.to_le_bytes());
         bytes.extend(state.core.to_bytes());
         bytes.extend(imufast_core::checksum(&bytes).to_le_bytes());
         PyBytes::new(py, &bytes)
@@ -335,16 +288,14 @@ impl HingeStream {
             if u32::from_le_bytes(*checksum) != imufast_core::checksum(body) {
                 return None;
             }
-            let (numbers, core) = body.split_first_chunk::<64>()?;
-            let mut words = numbers.as_chunks::<8>().0.iter().copied();
-            let mut number = || words.next().map(f64::from_le_bytes).filter(|x| !x.is_nan());
-            let (rate_hz, first_s, latest_s, step_s, waiting_s) = (number()?, number()?, number()?, number()?, number()?);
-            let mut whole = || words.next().map(u64::from_le_bytes).filter(|x| *x < u64::MAX / 2);
-            let (count, steps) = (whole()?, whole()?);
-            let timed = [None, Some(false), Some(true)].get(usize::try_from(whole()?).ok()?).copied()?;
-            let core = Core::from_bytes(core)?;
-            let sound = rate_hz > 0.0 && step_s >= 1e-3 && step_s.is_finite() && first_s.is_finite() && waiting_s.is_finite();
-            sound.then_some(State { core, rate_hz, timed, count, waiting_s, first_s, latest_s, steps, step_s })
+            let (clock, body) = body.split_first_chunk::<40>()?;
+            let (numbers, core) = body.split_first_chunk::<24>()?;
+            let [step_s, waiting_s, steps] = *numbers.as_chunks::<8>().0 else { return None };
+            let (step_s, waiting_s, steps) =
+                (f64::from_le_bytes(step_s), f64::from_le_bytes(waiting_s), u64::from_le_bytes(steps));
+            let (clock, core) = (Clock::from_bytes(clock)?, Core::from_bytes(core)?);
+            let sound = step_s >= 1e-3 && step_s.is_finite() && waiting_s.is_finite() && steps < u64::MAX / 2;
+            sound.then_some(State { core, clock, waiting_s, steps, step_s })
         };
         match read() {
             Some(state) => Ok(Self { state: Mutex::new(state) }),
@@ -360,47 +311,18 @@ impl HingeStream {
     }
 }
 
-fn rows<'a>(array: &'a PyReadonlyArrayDyn<'_, f64>, name: &str) -> PyResult<&'a [Xyz]> {
-    match (array.shape(), array.as_slice()) {
-        (&[3] | &[_, 3], Ok(flat)) if array.is_c_contiguous() => Ok(flat.as_chunks().0),
-        _ => Err(PyValueError::new_err(format!(
-            "{name} must be a C-contiguous float64 array of shape (3,) or (N, 3), got shape {:?}",
-            array.shape()
-        ))),
-    }
-}
-
-fn check_time(time: &[f64], count: usize, latest_s: f64) -> PyResult<()> {
-    if time.len() != count {
-        return Err(PyValueError::new_err(format!("time_s has {} values for {count} samples", time.len())));
-    }
-    let mut before = latest_s;
-    for (row, t) in time.iter().enumerate() {
-        if !(t.is_finite() && *t > before) {
-            return Err(PyValueError::new_err(format!(
-                "time_s must be finite and increase, also from one call to the next: row {row} is {t} after {before}"
-            )));
-        }
-        before = *t;
-    }
-    Ok(())
-}
-
-fn take(state: &mut State, rows: &[&[Xyz]; 4], time: Option<&[f64]>, start: usize) -> usize {
-    let [gyr1, acc1, gyr2, acc2] = rows;
-    let samples = gyr1.iter().zip(*acc1).zip(*gyr2).zip(*acc2).enumerate().skip(start);
-    for (row, (((g1, a1), g2), a2)) in samples {
-        let t = time.and_then(|time| time.get(row)).copied().unwrap_or(state.count as f64 / state.rate_hz);
-        if state.count == 0 {
-            state.first_s = t;
+fn take(state: &mut State, block: &Block<'_>, start: usize) -> usize {
+    for (row, time, sample) in block.samples(start) {
+        let t = time.unwrap_or(state.clock.count as f64 / state.clock.rate_hz);
+        if state.clock.count == 0 {
+            state.clock.first_s = t;
         }
         if t >= state.next_step_s() {
             state.waiting_s = t;
             return row;
         }
-        state.core.push(t, &crate::signals::join(g1, a1, g2, a2));
-        state.count += 1;
-        state.latest_s = t;
+        state.core.push(t, &sample);
+        state.clock.tick(t);
     }
-    gyr1.len()
+    block.len()
 }

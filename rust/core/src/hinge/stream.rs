@@ -295,20 +295,12 @@ impl HingeStream {
 
     /// Everything it knows, as bytes: a version, a checksum, the state.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let body = postcard::to_allocvec(self).unwrap_or_default();
-        let mut bytes = Vec::from(STATE_VERSION);
-        bytes.extend(crate::checksum(&body).to_le_bytes());
-        bytes.extend(body);
-        bytes
+        crate::state::to_bytes(STATE_VERSION, self)
     }
 
     /// The stream that [`Self::to_bytes`] wrote; None where the bytes are of another version, damaged or not from there.
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
-        let (checksum, body) = bytes.strip_prefix(&STATE_VERSION)?.split_first_chunk::<4>()?;
-        if u32::from_le_bytes(*checksum) != crate::checksum(body) {
-            return None;
-        }
-        let stream: Self = postcard::from_bytes(body).ok()?;
+        let stream: Self = crate::state::from_bytes(STATE_VERSION, bytes)?;
         let settings = stream.settings;
         let sound =
             settings.rate_hz > 0.0 && settings.rate_hz < 1e9 && settings.lowpass_hz >= 0.0 && settings.windows_are_bounded();

@@ -1,0 +1,99 @@
+//! SS and SA from the samples to an answer: all starts, the minimum, what it is worth, and what was left open.
+
+use alloc::vec::Vec;
+use nalgebra::{SVector, Vector3};
+
+use super::{
+    Matrix12, Unknowns,
+    moments::Moments,
+    observability::{Evidence, evidence, undetermined},
+    solve::{Knowledge, Method, Problem, Solution, Status},
+};
+
+/// What is asked.
+#[derive(Clone, Copy, Debug)]
+pub struct Request {
+    /// SS, SA, or between.
+    pub method: Method,
+    /// What is known beforehand.
+    pub knowledge: Knowledge,
+    /// A hinge axis in both sensor frames with one sign: the place along it is not asked.
+    pub axis: Option<[Vector3<f64>; 2]>,
+    /// Directions in which the centre would be less certain than this are called undetermined, m.
+    pub undetermined_std: f64,
+    /// Most Newton steps of one descent.
+    pub max_iterations: usize,
+}
+
+/// What was found.
+#[derive(Clone, Debug)]
+pub struct Estimate {
+    /// The minimum; of undetermined directions the smallest.
+    pub solution: Solution,
+    /// What it is worth.
+    pub evidence: Evidence,
+    /// Directions of the stacked lever arms that the motion did not determine.
+    pub open: Vec<SVector<f64, 6>>,
+    /// Directions of the stacked biases.
+    pub open_bias: Vec<SVector<f64, 6>>,
+}
+
+/// Share of what was known beforehand below which a bias counts as determined.
+const BIAS_TOLD: f64 = 0.5;
+
+/// Estimates the unknowns from `moments`; `go_on` is asked before each step.
+pub fn estimate(moments: &Moments, request: &Request, go_on: &mut dyn FnMut() -> bool) -> Estimate {
+    let mut held: Vec<_> = request.axis.map(slide).into_iter().collect();
+    let mut problem =
+        Problem { moments, knowledge: request.knowledge, free: free_of(&held), max_iterations: request.max_iterations };
+    let mut solution = search(&problem, request.method, go_on);
+    let mut found = evidence(moments, &solution.x, solution.loss, &request.knowledge);
+    let open = still_open(&found.covariance, &held, request.undetermined_std);
+    if !open.is_empty() && !matches!(solution.status, Status::Interrupted | Status::NumericalError) {
+        held.extend(open);
+        problem.free = free_of(&held);
+        let start = problem.free * solution.x;
+        solution = problem.minimise(request.method, start, go_on);
+        found = evidence(moments, &solution.x, solution.loss, &request.knowledge);
+    }
+    let open_bias = open_biases(&found, &request.knowledge);
+    Estimate { solution, evidence: found, open: held, open_bias }
+}
+
+/// Along a hinge both centres may slide by the same amount, and no residual changes.
+pub(super) fn slide([j1, j2]: [Vector3<f64>; 2]) -> SVector<f64, 6> {
+    let mut slide = SVector::<f64, 6>::zeros();
+    slide.fixed_rows_mut::<3>(0).copy_from(&j1);
+    slide.fixed_rows_mut::<3>(3).copy_from(&j2);
+    slide.normalize()
+}
+
+/// Directions of the lever arms, beyond those held, that are less certain than `limit`.
+pub(super) fn still_open(covariance: &Matrix12, held: &[SVector<f64, 6>], limit: f64) -> Vec<SVector<f64, 6>> {
+    let across = held_projector(held);
+    undetermined(&(across * covariance.fixed_view::<6, 6>(0, 0) * across), limit)
+}
+
+/// Directions of the biases of which the samples tell little more than was known.
+pub(super) fn open_biases(evidence: &Evidence, knowledge: &Knowledge) -> Vec<SVector<f64, 6>> {
+    if !knowledge.biases() {
+        return Vec::new();
+    }
+    undetermined(&evidence.covariance.fixed_view::<6, 6>(6, 6).into_owned(), BIAS_TOLD * knowledge.bias_std)
+}
+
+/// The best minimum from a few starts that need no luck.
+fn search(problem: &Problem<'_>, method: Method, go_on: &mut dyn FnMut() -> bool) -> Solution {
+    problem.minimise(method, Unknowns::zeros(), go_on)
+}
+
+fn held_projector(held: &[SVector<f64, 6>]) -> nalgebra::SMatrix<f64, 6, 6> {
+    held.iter().fold(nalgebra::SMatrix::identity(), |p, v| p - v * v.transpose())
+}
+
+/// Projector on what is not held.
+pub(super) fn free_of(held: &[SVector<f64, 6>]) -> Matrix12 {
+    let mut free = Matrix12::identity();
+    free.fixed_view_mut::<6, 6>(0, 0).copy_from(&held_projector(held));
+    free
+}
