@@ -5,7 +5,8 @@ Units are SI (rad/s, m/s², s, m); names that end in `_deg` are degrees. Quatern
 
 from __future__ import annotations
 
-from imufast.axis import HingeAxis, HingeMinimum, SolveStatus, estimate_hinge_axis
+from imufast.axis import HingeAxis, HingeMinimum, JointAxis, SolveStatus, estimate_hinge_axis
+from imufast.calibration import JointCalibration, calibrate_joint
 from imufast.center import (
     CenterEstimate,
     CenterStatus,
@@ -20,6 +21,7 @@ from imufast.errors import FileFormatError, ImufastError, ImufastWarning, InputE
 from imufast.hinge import HingeCalibration, HingeCalibrator, calibrate_hinge
 from imufast.imu import Imu, ReadInfo, Recording
 from imufast.io import align, read
+from imufast.noise import SensorNoise
 from imufast.report import report_json, write_json, write_report
 from imufast.select import SampleSelection, select_samples
 from imufast.settings import AxisSettings, CenterSettings, HingeSettings
@@ -59,6 +61,8 @@ __all__ = [
     "ImufastError",
     "ImufastWarning",
     "InputError",
+    "JointAxis",
+    "JointCalibration",
     "JointCenter",
     "JointCenterEstimator",
     "MissingFileError",
@@ -66,6 +70,7 @@ __all__ = [
     "ReadInfo",
     "Recording",
     "SampleSelection",
+    "SensorNoise",
     "SettingsError",
     "SoftTissue",
     "SolveStatus",
@@ -75,6 +80,7 @@ __all__ = [
     "align",
     "angular_deviation_deg",
     "calibrate_hinge",
+    "calibrate_joint",
     "estimate_hinge_axis",
     "estimate_joint_center",
     "fit_joint_center",

@@ -14,7 +14,6 @@ __all__ = [
     "HingeStream",
     "angular_deviation",
     "build_profile",
-    "center_residuals",
     "condition",
     "fit_center",
     "fit_center_linear",
@@ -236,6 +235,7 @@ class CenterStream:
         five_points: bool,
         least_rate: float,
         max_samples: int,
+        gyr_bias: list[list[float]] | None,
         bias_from_rest: bool,
     ) -> CenterStream: ...
     def push(self, gyr1: _Array, acc1: _Array, gyr2: _Array, acc2: _Array, time_s: _Array | None) -> None: ...
@@ -244,11 +244,29 @@ class CenterStream:
         method: str,
         bias_std: float,
         lever_std: float,
+        gyr_bias_std: float,
         axis: list[list[float]] | None,
         undetermined_std: float,
         max_iterations: int,
     ) -> CenterFit: ...
-    def moments(self) -> tuple[_Array, tuple[_Array, ...]]: ...
+    def fit_linear(
+        self,
+        q_12: _Array,
+        bias_std: float,
+        lever_std: float,
+        gyr_bias_std: float,
+        axis: list[list[float]] | None,
+        undetermined_std: float,
+    ) -> CenterFit: ...
+    def times(self) -> _Array: ...
+    def residuals(
+        self,
+        in_sensor1: list[float],
+        in_sensor2: list[float],
+        acc_bias1: list[float],
+        acc_bias2: list[float],
+        most: int,
+    ) -> tuple[_Array, _Array]: ...
     @property
     def correlated(self) -> float: ...
     @property
@@ -261,14 +279,6 @@ class CenterStream:
     @staticmethod
     def restore(state: bytes) -> CenterStream: ...
 
-def center_residuals(
-    moments: list[_Array],
-    time_s: _Array,
-    in_sensor1: list[float],
-    in_sensor2: list[float],
-    acc_bias1: list[float],
-    acc_bias2: list[float],
-) -> _Array: ...
 def fit_center(
     moments: list[_Array],
     time_s: _Array,
@@ -276,6 +286,7 @@ def fit_center(
     bias_std: float,
     lever_std: float,
     correlated: float,
+    gyr_bias_std: float,
     axis: list[list[float]] | None,
     undetermined_std: float,
     max_iterations: int,
@@ -287,6 +298,7 @@ def fit_center_linear(
     bias_std: float,
     lever_std: float,
     correlated: float,
+    gyr_bias_std: float,
     axis: list[list[float]] | None,
     undetermined_std: float,
 ) -> CenterFit: ...

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,9 +16,10 @@ from imufast.imu import Imu
 from imufast.pairs import PairSignals, pair_signals
 from imufast.settings import AxisSettings, settings_from
 
-__all__ = ["HingeAxis", "HingeMinimum", "SolveStatus", "estimate_hinge_axis"]
+__all__ = ["HingeAxis", "HingeMinimum", "JointAxis", "SolveStatus", "estimate_hinge_axis"]
 
 Array = NDArray[np.float64]
+JointAxisT = TypeVar("JointAxisT", bound="JointAxis")
 
 
 UNEXPLAINED_LIMIT = 0.9
@@ -55,47 +56,32 @@ class HingeMinimum:
 
 
 @dataclass(frozen=True)
-class HingeAxis:
-    """A hinge axis in both sensor frames, with the numbers that say how far to trust it.
+class JointAxis:
+    """The axis of a hinge in the frames of the two sensors on its segments.
 
     Attributes:
         axis1, axis2: (3,) unit vectors in sensor frames 1 and 2 with one common sign. The relative rate about the axis is
-            `axis2·gyr2 − axis1·gyr1`. The overall sign is canonical (largest component of `axis1` positive) until `oriented`.
-        covariance: (6, 6) of the stacked axes in sensor coordinates, rad²; singular along each axis. Residuals may be
-            correlated within a second and of any distribution (sandwich over pieces of 1 s). Infinite where the motion does
-            not determine the axes or is shorter than five pieces.
-        bound95_deg: (2,) bound meant to hold the angle between each axis and the truth in 95 % of cases, degrees: μ + 2σ of
-            eqs 64-65, in closed form, from `covariance`, and `floor_deg` for what no data show (root of the sum of squares).
-        published_bound_deg: (2,) the same from the paper's covariance (eq. 57), which takes residuals as independent.
-        status: how the search ended.
-        cost: V of eq. 23 at the axes.
-        minima: all distinct minima found, best first; the first is the estimate.
-        gyr_residual_std, acc_residual_std: sample standard deviations of the residuals (eq. 58), rad/s and m/s².
-        n_gyr, n_acc: how many samples of each kind were used.
-        iterations: Gauss-Newton iterations over all starts.
+            `axis2·gyr2 − axis1·gyr1`; its integral is the joint angle.
+        covariance: (6, 6) of the stacked axes in sensor coordinates, rad²; singular along each axis.
+        bound95_deg: (2,) bound meant to hold the angle between each axis and the truth in 95 % of cases, degrees.
     """
 
     axis1: Array
     axis2: Array
-    covariance: Array
-    bound95_deg: Array
-    published_bound_deg: Array
-    status: SolveStatus
-    cost: float
-    minima: tuple[HingeMinimum, ...] = field(repr=False)
-    gyr_residual_std: float
-    acc_residual_std: float
-    n_gyr: int
-    n_acc: int
-    iterations: int
+    covariance: Array = field(default_factory=lambda: np.zeros((6, 6)), repr=False)
+    bound95_deg: Array = field(default_factory=lambda: np.zeros(2))
 
-    def flipped(self) -> HingeAxis:
+    def flipped(self: JointAxisT) -> JointAxisT:
         """The same axis with the overall sign turned."""
         return replace(self, axis1=-self.axis1, axis2=-self.axis2)
 
     def oriented(
-        self, *, towards1: ArrayLike | None = None, towards2: ArrayLike | None = None, flexing: tuple[Imu, Imu] | None = None
-    ) -> HingeAxis:
+        self: JointAxisT,
+        *,
+        towards1: ArrayLike | None = None,
+        towards2: ArrayLike | None = None,
+        flexing: tuple[Imu, Imu] | None = None,
+    ) -> JointAxisT:
         """The same axis with its overall sign chosen by exactly one of:
 
         Args:
@@ -125,6 +111,38 @@ class HingeAxis:
         if abs(along) < small:
             raise InputError(f"{name} does not tell the sign: it is perpendicular to the axis, or the joint hardly turns")
         return self if along > 0 else self.flipped()
+
+
+@dataclass(frozen=True, kw_only=True)
+class HingeAxis(JointAxis):
+    """A hinge axis in both sensor frames, with the numbers that say how far to trust it.
+
+    Attributes:
+        axis1, axis2: (3,) unit vectors in sensor frames 1 and 2 with one common sign. The relative rate about the axis is
+            `axis2·gyr2 − axis1·gyr1`. The overall sign is canonical (largest component of `axis1` positive) until `oriented`.
+        covariance: (6, 6) of the stacked axes in sensor coordinates, rad²; singular along each axis. Residuals may be
+            correlated within a second and of any distribution (sandwich over pieces of 1 s). Infinite where the motion does
+            not determine the axes or is shorter than five pieces.
+        bound95_deg: (2,) bound meant to hold the angle between each axis and the truth in 95 % of cases, degrees: μ + 2σ of
+            eqs 64-65, in closed form, from `covariance`, and `floor_deg` for what no data show (root of the sum of squares).
+        published_bound_deg: (2,) the same from the paper's covariance (eq. 57), which takes residuals as independent.
+        status: how the search ended.
+        cost: V of eq. 23 at the axes.
+        minima: all distinct minima found, best first; the first is the estimate.
+        gyr_residual_std, acc_residual_std: sample standard deviations of the residuals (eq. 58), rad/s and m/s².
+        n_gyr, n_acc: how many samples of each kind were used.
+        iterations: Gauss-Newton iterations over all starts.
+    """
+
+    published_bound_deg: Array
+    status: SolveStatus
+    cost: float
+    minima: tuple[HingeMinimum, ...] = field(repr=False)
+    gyr_residual_std: float
+    acc_residual_std: float
+    n_gyr: int
+    n_acc: int
+    iterations: int
 
 
 def _direction(name: str, value: object) -> Array:

@@ -75,7 +75,7 @@ class JointCenter:
         return np.asarray(np.sqrt(variance.reshape(2, 3).sum(axis=1)))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class CenterEstimate(JointCenter):
     """A joint centre from motion, and how far to trust it.
 
@@ -92,23 +92,26 @@ class CenterEstimate(JointCenter):
         cost: the minimum: Σe² (eqs 13, 15) or Σ|e| (eq. 20) alone, without the prior.
         n_samples: instants that it rests on.
         iterations: passes over these.
+        residual_time_s, residuals: (M,) some of the residuals (2000 at most, evenly spread) and their times, m/s² and s.
         settings: what it was made with.
     """
 
-    status: CenterStatus = CenterStatus.CONVERGED
-    method: str = "sa"
-    acc_bias1: Array = field(default_factory=lambda: np.zeros(3))
-    acc_bias2: Array = field(default_factory=lambda: np.zeros(3))
-    acc_bias_covariance: Array = field(default_factory=lambda: np.zeros((6, 6)), repr=False)
-    acc_bias_undetermined: Array = field(default_factory=lambda: np.zeros((0, 6)))
-    gyr_bias1: Array | None = None
-    gyr_bias2: Array | None = None
-    residual_std: float = 0.0
-    unexplained: float = 0.0
-    cost: float = 0.0
-    n_samples: int = 0
-    iterations: int = 0
-    settings: CenterSettings = field(default_factory=CenterSettings, repr=False)
+    status: CenterStatus
+    method: str
+    acc_bias1: Array
+    acc_bias2: Array
+    acc_bias_covariance: Array = field(repr=False)
+    acc_bias_undetermined: Array
+    gyr_bias1: Array | None
+    gyr_bias2: Array | None
+    residual_std: float
+    unexplained: float
+    cost: float
+    n_samples: int
+    iterations: int
+    residual_time_s: Array = field(repr=False)
+    residuals: Array = field(repr=False)
+    settings: CenterSettings = field(repr=False)
 
 
 class Axis(Protocol):
@@ -130,6 +133,7 @@ class JointCenterEstimator:
         rate_hz: nominal rate of the samples, Hz.
         method: "ss" (eqs 15-19) or "sa" (eqs 20-23). Default "sa".
         axis: a hinge axis (`axis1`, `axis2`): the place along it is then not asked. Default None.
+        gyr_bias: (3,) biases of both gyroscopes where they are known, rad/s. Default None: as rest shows them.
         settings: a `CenterSettings`; default `CenterSettings()`.
         **keywords: fields of `CenterSettings`; they win over `settings`.
 
@@ -144,6 +148,7 @@ class JointCenterEstimator:
         *,
         method: str = "sa",
         axis: Axis | None = None,
+        gyr_bias: tuple[ArrayLike, ArrayLike] | None = None,
         settings: CenterSettings | None = None,
         **keywords: Any,
     ) -> None:
@@ -157,7 +162,7 @@ class JointCenterEstimator:
         check_choice("method", method, METHODS)
         self._method = method
         self._axis = _axis_pair(axis)
-        self._stream = _new_stream(self._rate_hz, self._settings)
+        self._stream = _new_stream(self._rate_hz, self._settings, gyr_bias)
 
     @property
     def delay_s(self) -> float:
@@ -189,6 +194,7 @@ def estimate_joint_center(
     *,
     q_12: ArrayLike | None = None,
     axis: Axis | None = None,
+    gyr_bias: tuple[ArrayLike, ArrayLike] | None = None,
     settings: CenterSettings | None = None,
     **keywords: Any,
 ) -> CenterEstimate:
@@ -197,7 +203,8 @@ def estimate_joint_center(
     Minimises the difference of the specific forces that both sensors see at the joint centre, a_i − b_i − K(ω_i, ω̇_i) r_i:
     of their norms, squared ("ss", eqs 15-19) or absolute ("sa", eqs 20-23), or, where the relative orientation is known, of
     the vectors, squared ("ls", eqs 9-14). By default both signals go through a low-pass and the accelerometer biases b are
-    unknowns, too; `CenterSettings.as_published()` is the paper's own.
+    unknowns, too; `CenterSettings.as_published()` is the paper's own. The low-pass acts in a frame that does not turn, where
+    the equation stays exact: with the orientation R(t) of a sensor, h∗(R a) = h∗(R b) + (h∗R)¨ r + what both sensors share.
 
     Args:
         imu1, imu2: the sensors on the two segments, same time base. Any mounting.
@@ -205,6 +212,7 @@ def estimate_joint_center(
         q_12: (N, 4) unit quaternions, scalar first, that take sensor 2 to sensor 1 at every sample; with "ls" only.
         axis: a hinge axis (anything with `axis1`, `axis2`, as `estimate_hinge_axis` gives): the place along it, which no
             motion of a hinge tells, is then not asked. Default None: what is open is found out.
+        gyr_bias: (3,) biases of both gyroscopes where they are known, rad/s. Default None: as rest shows them, from then on.
         settings: a `CenterSettings`; default `CenterSettings()`.
         **keywords: fields of `CenterSettings`, such as `lowpass_hz=5.0`, `acc_bias_std=0.3`; they win over `settings`.
 
@@ -223,22 +231,19 @@ def estimate_joint_center(
     if (q_12 is None) == (method == "ls"):
         raise InputError('method "ls" needs q_12, the other methods do not take it')
     quaternions = None if q_12 is None else _quaternions(q_12, len(imu1))
-    stream = _new_stream(recording.rate_hz, chosen)
+    stream = _new_stream(recording.rate_hz, chosen, gyr_bias)
     stream.push(imu1.gyr, imu1.acc, imu2.gyr, imu2.acc, recording.time_s)
     if quaternions is None:
         return _solve(stream, method, pair, chosen)
-    time_s, moments = stream.moments()
-    fit = _core.fit_center_linear(
-        list(moments),
-        time_s,
-        _at_times(quaternions, recording.time_s, time_s),
+    fit = stream.fit_linear(
+        _at_times(quaternions, recording.time_s, stream.times()),
         chosen.acc_bias_std or 0.0,
         chosen.lever_std,
-        stream.correlated,
+        _bias_std(stream, chosen),
         pair,
         chosen.undetermined_std,
     )
-    return _estimate(fit, method, len(time_s), stream.gyr_bias, chosen)
+    return _estimate(fit, method, chosen, stream)
 
 
 def fit_joint_center(
@@ -284,32 +289,39 @@ def fit_joint_center(
     if count < 4:
         raise InputError(f"gyr1 has {count} rows; at least 4 are needed")
     pair = _axis_pair(axis)
-    prior = (chosen.acc_bias_std or 0.0, chosen.lever_std, 1.0, pair, chosen.undetermined_std)
+    prior = (chosen.acc_bias_std or 0.0, chosen.lever_std, 1.0, 0.0, pair, chosen.undetermined_std)
     if (q_12 is None) == (method == "ls"):
         raise InputError('method "ls" needs q_12, the other methods do not take it')
     if q_12 is not None:
         fit = _core.fit_center_linear(moments, times, _quaternions(q_12, count), *prior)
     else:
         fit = _core.fit_center(moments, times, _core_method(method, chosen), *prior, chosen.max_iterations)
-    return _estimate(fit, method, count, [None, None], chosen)
+    return _estimate(fit, method, chosen, None)
 
 
 def _core_method(method: str, settings: CenterSettings) -> str:
     return "huber" if method == "ss" and settings.robust else method
 
 
-def _new_stream(rate_hz: float, settings: CenterSettings) -> _core.CenterStream:
+def _new_stream(rate_hz: float, settings: CenterSettings, gyr_bias: tuple[ArrayLike, ArrayLike] | None) -> _core.CenterStream:
     lowpass_hz = settings.lowpass_hz or 0.0
-    if lowpass_hz and rate_hz / lowpass_hz > 1e6:
+    if lowpass_hz and rate_hz / lowpass_hz > 1e5:
         raise InputError(
-            f"rate_hz={rate_hz:g} makes the window of lowpass_hz={settings.lowpass_hz} longer than a million samples"
+            f"rate_hz={rate_hz:g} makes the window of lowpass_hz={settings.lowpass_hz} longer than a hundred thousand samples"
         )
+    if gyr_bias is not None:
+        if not isinstance(gyr_bias, tuple) or len(gyr_bias) != 2:
+            raise InputError(f"gyr_bias must be a tuple of two vectors, got {type(gyr_bias).__name__}")
+        for number, vector in enumerate(gyr_bias, 1):
+            if np.shape(vector) != (3,) or not np.isfinite(_as_array("gyr_bias", vector)).all():
+                raise InputError(f"gyr_bias of sensor {number} must be three finite numbers, got {vector!r}")
     return _core.CenterStream(
         rate_hz=rate_hz,
         lowpass_hz=lowpass_hz,
         five_points=settings.derivative == "five-point",
         least_rate=settings.least_rate,
         max_samples=settings.max_samples,
+        gyr_bias=None if gyr_bias is None else [_as_array("gyr_bias", vector).tolist() for vector in gyr_bias],
         bias_from_rest=settings.bias_from_rest,
     )
 
@@ -329,25 +341,35 @@ def _push(stream: _core.CenterStream, gyr1: Any, acc1: Any, gyr2: Any, acc2: Any
             raise InputError(str(error)) from None
 
 
+def _bias_std(stream: _core.CenterStream, settings: CenterSettings) -> float:
+    return settings.gyr_bias_std if None in stream.gyr_bias else settings.gyr_bias_rest_std
+
+
 def _solve(stream: _core.CenterStream, method: str, pair: _Pair | None, settings: CenterSettings) -> CenterEstimate:
     fit = stream.fit(
         _core_method(method, settings),
         settings.acc_bias_std or 0.0,
         settings.lever_std,
+        _bias_std(stream, settings),
         pair,
         settings.undetermined_std,
         settings.max_iterations,
     )
-    return _estimate(fit, method, fit.n_samples, stream.gyr_bias, settings)
+    return _estimate(fit, method, settings, stream)
 
 
-def _estimate(
-    fit: _core.CenterFit, method: str, n_samples: int, gyr_bias: list[list[float] | None], settings: CenterSettings
-) -> CenterEstimate:
+MOST_RESIDUALS = 2000
+
+
+def _estimate(fit: _core.CenterFit, method: str, settings: CenterSettings, stream: _core.CenterStream | None) -> CenterEstimate:
+    times, residuals, gyr_bias = np.zeros(0), np.zeros(0), [None, None]
+    if stream is not None:
+        times, residuals = stream.residuals(fit.in_sensor1, fit.in_sensor2, fit.acc_bias1, fit.acc_bias2, MOST_RESIDUALS)
+        gyr_bias = stream.gyr_bias
     undetermined = np.array(fit.undetermined).reshape(-1, 6)
     status = CenterStatus(fit.status)
     if status is not CenterStatus.NUMERICAL_ERROR:
-        if len(undetermined) > 3 or fit.unexplained > UNEXPLAINED_LIMIT:
+        if len(undetermined) >= 3 or fit.unexplained > UNEXPLAINED_LIMIT:
             status = CenterStatus.NOT_IDENTIFIABLE
         elif len(undetermined) and status is CenterStatus.CONVERGED:
             status = CenterStatus.PARTLY_DETERMINED
@@ -368,8 +390,10 @@ def _estimate(
         residual_std=fit.residual_std,
         unexplained=fit.unexplained,
         cost=fit.cost,
-        n_samples=n_samples,
+        n_samples=fit.n_samples,
         iterations=fit.iterations,
+        residual_time_s=times,
+        residuals=residuals,
         settings=settings,
     )
 

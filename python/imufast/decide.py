@@ -10,8 +10,9 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from enum import Enum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +57,8 @@ class Verdict(str, Enum):
     APPROXIMATE_HINGE = "APPROXIMATE_HINGE"
     NOT_A_HINGE = "NOT_A_HINGE"
     MOUNTING_CHANGED = "MOUNTING_CHANGED"
+    BALL_JOINT = "BALL_JOINT"
+    """Not a hinge but with a determined centre; of `calibrate_joint` alone."""
 
     def __str__(self) -> str:
         return self.value
@@ -93,6 +96,18 @@ class HingeStep:
     moving_s: float = 0.0
     n_gyr: int = 0
     n_acc: int = 0
+
+    def plain(self) -> dict[str, Any]:
+        """The same as plain JSON."""
+        values = asdict(self)
+        return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
+
+    @classmethod
+    def from_plain(cls, plain: dict[str, Any]) -> HingeStep:
+        """The step that `plain` wrote. Raises TypeError, KeyError or ValueError where it did not."""
+        arrays = ("axis1", "axis2", "bound95_deg", "published_bound_deg")
+        values = {name: np.array(value) if name in arrays and value is not None else value for name, value in plain.items()}
+        return cls(**values | {"verdict": Verdict(plain["verdict"]), "why": tuple(plain["why"])})
 
 
 @dataclass(frozen=True)

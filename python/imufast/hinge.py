@@ -209,7 +209,7 @@ class HingeCalibrator:
             "keep_steps": self._history.maxlen,
             "draws": self._draws,
             "estimate": None if self._estimate is None else asdict(self._estimate),
-            "history": [_plain(asdict(step)) for step in self._history],
+            "history": [step.plain() for step in self._history],
             "decider": {name: getattr(decider, name) for name in _DECIDER_NUMBERS}
             | {
                 "axes": None if decider.axes is None else [axis.tolist() for axis in decider.axes],
@@ -236,7 +236,7 @@ class HingeCalibrator:
             self._stream = _core.HingeStream.restore(rest[8 + length :])
             self._draws = plain["draws"]
             self._estimate = None if plain["estimate"] is None else Estimate(**plain["estimate"])
-            self._history.extend(_step_from(step) for step in plain["history"])
+            self._history.extend(HingeStep.from_plain(step) for step in plain["history"])
             saved = plain["decider"]
             for name in _DECIDER_NUMBERS:
                 setattr(self._decider, name, saved[name])
@@ -249,16 +249,6 @@ class HingeCalibrator:
 
 _STATE_VERSION = b"imufast.HingeCalibrator\x01"
 _DECIDER_NUMBERS = ("accepted_at_s", "mounting_changed_at_s", "run", "failed", "slipping", "last_seen")
-
-
-def _plain(step: dict[str, Any]) -> dict[str, Any]:
-    return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in step.items()}
-
-
-def _step_from(plain: dict[str, Any]) -> HingeStep:
-    arrays = ("axis1", "axis2", "bound95_deg", "published_bound_deg")
-    values = {name: np.array(value) if name in arrays and value is not None else value for name, value in plain.items()}
-    return HingeStep(**values | {"verdict": Verdict(plain["verdict"]), "why": tuple(plain["why"])})
 
 
 def _as_array(name: str, value: object) -> Array:

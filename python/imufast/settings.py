@@ -219,34 +219,42 @@ class CenterSettings(Settings):
     """How a joint centre is estimated (Olsson & Halvorsen 2017, and what makes it good).
 
     Args:
-        lowpass_hz: cut-off (-6 dB) of the one low-pass that both signals of both sensors go through first, Hz; None or 0: raw
-            signals, as published. Default 5.
-        derivative: "five-point" or "three-point" (eq. 8, as published) central differences of the rates.
+        lowpass_hz: cut-off (-6 dB) of the low-pass, Hz, which acts in a frame that does not turn and needs no derivative of the
+            rates; None or 0: none, as published. Default 2.25: rigs are served alike from 2 to 8 Hz, straps wobble above 3.
+        derivative: without a low-pass, "three-point" (eq. 8, as published) or "five-point" central differences of the rates.
+            Default "five-point".
         least_rate: instants at which neither sensor turns faster than this are passed over, rad/s. Default 0; the paper's
             gate is 1.2.
-        acc_bias_std: standard deviation of an accelerometer bias beforehand, m/s²; biases are then unknowns like the centres.
-            None: no biases, as published. Default 0.3.
-        lever_std: standard deviation of a lever arm beforehand, m; inf: nothing is known, as published. Default 1.
+        acc_bias_std: standard deviation of each accelerometer bias channel beforehand, m/s²; biases are then unknowns like the
+            centres. None: no biases, as published. Default 0.3; much more lets soft tissue pass for bias.
+        lever_std: standard deviation of a lever arm beforehand, m; inf: nothing is known, as published. Default 0.5.
         robust: with method "ss": squares of small residuals, absolute values of those beyond 1.345 standard deviations
             (Huber). Default False.
-        max_samples: most instants that an estimate rests on; of more, the most exciting. Default 16384.
-        bias_from_rest: subtract the gyroscope biases that rest shows. Default True.
-        undetermined_std: directions in which the centre is less certain than this are `undetermined`, m. Default 0.02.
+        max_samples: most instants that an estimate rests on; of more, the most exciting. Default 16384: half an hour of
+            unbroken motion.
+        bias_from_rest: take gyroscope biases off as soon as rest shows them. Default True.
+        gyr_bias_std: gyroscope bias that the covariance considers, rad/s, one standard deviation of each channel. Default 0.005
+            (0.5 deg/s in norm); with rest, `gyr_bias_rest_std`.
+        gyr_bias_rest_std: what is left of it after rest has shown the bias, rad/s. Default 0.0015.
+        undetermined_std: directions in which the centre is less certain than this are `undetermined`, m; so are those that
+            are twenty times less certain than the third most certain one. Default 0.08.
         max_iterations: Newton steps of one descent. Default 200.
 
     Raises:
         SettingsError: a value is out of its range.
     """
 
-    lowpass_hz: float | None = 5.0
+    lowpass_hz: float | None = 2.25
     derivative: str = "five-point"
     least_rate: float = 0.0
     acc_bias_std: float | None = 0.3
-    lever_std: float = 1.0
+    lever_std: float = 0.5
     robust: bool = False
     max_samples: int = 16384
     bias_from_rest: bool = True
-    undetermined_std: float = 0.02
+    gyr_bias_std: float = 0.005
+    gyr_bias_rest_std: float = 0.0015
+    undetermined_std: float = 0.08
     max_iterations: int = 200
 
     def __post_init__(self) -> None:
@@ -259,6 +267,8 @@ class CenterSettings(Settings):
         self._flag("robust")
         self._flag("bias_from_rest")
         self._count("max_samples", 20, 10_000_000)
+        self._number("gyr_bias_std", 0.0, 10.0)
+        self._number("gyr_bias_rest_std", 0.0, 10.0)
         self._number("undetermined_std", 0.0, 100.0, low_open=True)
         self._count("max_iterations", 1, 100_000)
 

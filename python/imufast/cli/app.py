@@ -20,11 +20,11 @@ import click
 from imufast.cli import result as print_result
 from imufast.cli import show
 from imufast.errors import ImufastError, ImufastWarning, InputError
+from imufast.files import check_target
 from imufast.hinge import HingeCalibration, calibrate_hinge
 from imufast.imu import Imu, Recording
 from imufast.io import format_names, read
 from imufast.report import words, write_json, write_report
-from imufast.report.files import check_target
 from imufast.report.page import check_extra
 from imufast.settings import HingeSettings, settings_from
 from imufast.simulate import random_biases, simulate_hinge

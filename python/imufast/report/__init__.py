@@ -10,8 +10,8 @@ import os
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from imufast.files import write_text
 from imufast.report.content import Pair, report_json
-from imufast.report.files import write_text
 
 if TYPE_CHECKING:
     from imufast.hinge import HingeCalibration

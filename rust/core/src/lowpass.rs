@@ -88,7 +88,8 @@ impl Lowpass {
     }
 }
 
-fn design(cutoff_hz: f64, rate_hz: f64) -> Vec<f64> {
+/// Weights of the middle sample and of each pair around it; see [`Lowpass::new`].
+pub(crate) fn design(cutoff_hz: f64, rate_hz: f64) -> Vec<f64> {
     let ratio = cutoff_hz / rate_hz;
     if !(ratio > 0.0 && ratio < 0.5) {
         return vec![1.0];

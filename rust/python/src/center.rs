@@ -9,15 +9,13 @@ use imufast_core::{
         estimate::{Estimate, Request, estimate},
         ls,
         moments::Moments,
+        residual::residual,
         solve::{Knowledge, Method, Status},
         stream::{CenterStream as Core, StreamSettings},
     },
     rigid_body::{Moment, Stencil},
 };
-use numpy::{
-    IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods, nalgebra,
-    ndarray::Array2,
-};
+use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods, nalgebra};
 use pyo3::{exceptions::PyValueError, prelude::*, types::PyBytes};
 
 use crate::{
@@ -27,8 +25,6 @@ use crate::{
 };
 
 type Matrix<const N: usize> = [[f64; N]; N];
-/// gyr, gyr_dot, acc of sensor 1, then of sensor 2.
-type Six<'py> = [Bound<'py, PyArray2<f64>>; 6];
 
 /// A joint centre as seen from both sensors (m), accelerometer biases (m/s²), and what they are worth.
 #[pyclass(frozen, get_all, module = "imufast._core")]
@@ -88,29 +84,6 @@ fn status_name(status: Status) -> &'static str {
     }
 }
 
-/// Residual (eq. 16) of every moment at the given centre and biases, m/s².
-#[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "one call from one place in Python, all by position")]
-pub fn center_residuals<'py>(
-    py: Python<'py>,
-    moments: [PyReadonlyArray2<'py, f64>; 6],
-    time_s: PyReadonlyArray1<'py, f64>,
-    in_sensor1: Xyz,
-    in_sensor2: Xyz,
-    acc_bias1: Xyz,
-    acc_bias2: Xyz,
-) -> PyResult<Bound<'py, PyArray1<f64>>> {
-    let moments = read_moments(&moments, &time_s)?;
-    let mut x = Unknowns::zeros();
-    let parts = [in_sensor1.map(|v| -v), in_sensor2.map(|v| -v), acc_bias1, acc_bias2];
-    for (slot, value) in x.iter_mut().zip(parts.iter().flatten()) {
-        *slot = *value;
-    }
-    let residual = |k: usize| imufast_core::joint_center::residual::residual(&moments.at(k), &x).0;
-    let residuals: Vec<f64> = py.detach(|| (0..moments.len()).map(residual).collect());
-    Ok(residuals.into_pyarray(py))
-}
-
 /// SS, SA or Huber on given moments.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "one call from one place in Python, all by position")]
@@ -122,19 +95,19 @@ pub fn fit_center(
     bias_std: f64,
     lever_std: f64,
     correlated: f64,
+    gyr_bias_std: f64,
     axis: Option<[Xyz; 2]>,
     undetermined_std: f64,
     max_iterations: usize,
 ) -> PyResult<CenterFit> {
     let moments = read_moments(&moments, &time_s)?;
-    let knowledge = Knowledge { bias_std, lever_std, correlated };
+    let knowledge = Knowledge { bias_std, lever_std, correlated, gyr_bias_std };
     let request = request(method, knowledge, axis, undetermined_std, max_iterations)?;
     solve(py, &moments, &request)
 }
 
 /// LS (eqs 10-14) on given moments and relative orientations (N, 4): centres, biases, their covariance, residual std.
 #[pyfunction]
-#[expect(clippy::type_complexity, reason = "unpacked in one place in Python")]
 #[expect(clippy::too_many_arguments, reason = "one call from one place in Python, all by position")]
 pub fn fit_center_linear(
     py: Python<'_>,
@@ -144,17 +117,29 @@ pub fn fit_center_linear(
     bias_std: f64,
     lever_std: f64,
     correlated: f64,
+    gyr_bias_std: f64,
     axis: Option<[Xyz; 2]>,
     undetermined_std: f64,
 ) -> PyResult<CenterFit> {
     let moments = read_moments(&moments, &time_s)?;
+    let knowledge = Knowledge { bias_std, lever_std, correlated, gyr_bias_std };
+    solve_linear(py, &moments, &q_12, &knowledge, axis, undetermined_std)
+}
+
+fn solve_linear(
+    py: Python<'_>,
+    moments: &Moments,
+    q_12: &PyReadonlyArray2<'_, f64>,
+    knowledge: &Knowledge,
+    axis: Option<[Xyz; 2]>,
+    undetermined_std: f64,
+) -> PyResult<CenterFit> {
     let rotations: Vec<_> = match (q_12.shape(), q_12.as_slice()) {
         (&[n, 4], Ok(flat)) if q_12.is_c_contiguous() && n == moments.len() => {
             let chunks = flat.as_chunks::<4>().0;
-            chunks
-                .iter()
-                .map(|&[w, x, y, z]| nalgebra::UnitQuaternion::new_normalize(nalgebra::Quaternion::new(w, x, y, z)))
-                .collect()
+            let unit =
+                |&[w, x, y, z]: &[f64; 4]| nalgebra::UnitQuaternion::new_normalize(nalgebra::Quaternion::new(w, x, y, z));
+            chunks.iter().map(unit).collect()
         }
         _ => {
             return Err(PyValueError::new_err(format!(
@@ -164,9 +149,8 @@ pub fn fit_center_linear(
             )));
         }
     };
-    let knowledge = Knowledge { bias_std, lever_std, correlated };
-    let fit =
-        py.detach(|| ls::estimate(&moments, &rotations, &knowledge, axis.map(|pair| pair.map(Into::into)), undetermined_std));
+    let axis = axis.map(|pair| pair.map(Into::into));
+    let fit = py.detach(|| ls::estimate(moments, &rotations, knowledge, axis, undetermined_std));
     Ok(CenterFit::new(&fit, moments.len()))
 }
 
@@ -240,14 +224,15 @@ impl CenterStream {
         five_points: bool,
         least_rate: f64,
         max_samples: usize,
+        gyr_bias: Option<[Xyz; 2]>,
         bias_from_rest: bool,
     ) -> PyResult<Self> {
         positive(rate_hz, "rate_hz")?;
         let stencil = if five_points { Stencil::Five } else { Stencil::Three };
-        let settings = StreamSettings { rate_hz, lowpass_hz, stencil, least_rate, max_samples, bias_from_rest };
+        let settings = StreamSettings { rate_hz, lowpass_hz, stencil, least_rate, max_samples, gyr_bias, bias_from_rest };
         if !settings.windows_are_bounded() {
             return Err(PyValueError::new_err(format!(
-                "rate_hz {rate_hz} makes the window of lowpass_hz {lowpass_hz} longer than 1000000 samples"
+                "rate_hz {rate_hz} makes the window of lowpass_hz {lowpass_hz} longer than 100000 samples"
             )));
         }
         Ok(Self { state: Mutex::new(State { core: Arc::new(Core::new(settings)), clock: Clock::new(rate_hz) }) })
@@ -288,30 +273,59 @@ impl CenterStream {
         method: &str,
         bias_std: f64,
         lever_std: f64,
+        gyr_bias_std: f64,
         axis: Option<[Xyz; 2]>,
         undetermined_std: f64,
         max_iterations: usize,
     ) -> PyResult<CenterFit> {
         let core = self.core();
-        let knowledge = Knowledge { bias_std, lever_std, correlated: core.settings().correlated() };
+        let knowledge = Knowledge { bias_std, lever_std, correlated: core.settings().correlated(), gyr_bias_std };
         solve(py, core.moments(), &request(method, knowledge, axis, undetermined_std, max_iterations)?)
     }
 
-    /// The moments that an estimate rests on: times (M,) and gyr1, gyr_dot1, acc1, gyr2, gyr_dot2, acc2, each (M, 3).
-    fn moments<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray1<f64>>, Six<'py>)> {
+    /// Estimates the centre by LS with one orientation for each of `times`.
+    #[expect(clippy::too_many_arguments, reason = "one call from one place in Python, all by position")]
+    fn fit_linear(
+        &self,
+        py: Python<'_>,
+        q_12: PyReadonlyArray2<'_, f64>,
+        bias_std: f64,
+        lever_std: f64,
+        gyr_bias_std: f64,
+        axis: Option<[Xyz; 2]>,
+        undetermined_std: f64,
+    ) -> PyResult<CenterFit> {
+        let core = self.core();
+        let knowledge = Knowledge { bias_std, lever_std, correlated: core.settings().correlated(), gyr_bias_std };
+        solve_linear(py, core.moments(), &q_12, &knowledge, axis, undetermined_std)
+    }
+
+    /// Times of the instants that an estimate rests on, s.
+    fn times<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.core().moments().time_s().to_vec().into_pyarray(py)
+    }
+
+    /// Times (s) and residuals (eq. 16, m/s²) of about `most` of these at the given centre and biases.
+    fn residuals<'py>(
+        &self,
+        py: Python<'py>,
+        in_sensor1: Xyz,
+        in_sensor2: Xyz,
+        acc_bias1: Xyz,
+        acc_bias2: Xyz,
+        most: usize,
+    ) -> (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>) {
         let core = self.core();
         let moments = core.moments();
-        let array = |sensor: usize, part: usize| {
-            let flat = (0..moments.len()).flat_map(|k| {
-                let vector = moments.at(k).get(sensor).and_then(|side| side.get(part)).copied().unwrap_or_default();
-                Xyz::from(vector)
-            });
-            Array2::from_shape_vec((moments.len(), 3), flat.collect())
-                .map(|array| array.into_pyarray(py))
-                .map_err(|e| PyValueError::new_err(e.to_string()))
-        };
-        let six = [array(0, 0)?, array(0, 1)?, array(0, 2)?, array(1, 0)?, array(1, 1)?, array(1, 2)?];
-        Ok((moments.time_s().to_vec().into_pyarray(py), six))
+        let mut x = Unknowns::zeros();
+        let parts = [in_sensor1.map(|v| -v), in_sensor2.map(|v| -v), acc_bias1, acc_bias2];
+        for (slot, value) in x.iter_mut().zip(parts.iter().flatten()) {
+            *slot = *value;
+        }
+        let places = || (0..moments.len()).step_by(moments.len().div_ceil(most.max(1)).max(1));
+        let times: Vec<f64> = places().filter_map(|k| moments.time_s().get(k).copied()).collect();
+        let residuals: Vec<f64> = places().map(|k| residual(&moments.at(k), &x).0).collect();
+        (times.into_pyarray(py), residuals.into_pyarray(py))
     }
 
     /// Neighbouring moments of which so many tell as much as one alone.

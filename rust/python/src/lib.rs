@@ -14,7 +14,7 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _core {
     #[pymodule_export]
-    use super::center::{CenterFit, CenterStream, center_residuals, fit_center, fit_center_linear};
+    use super::center::{CenterFit, CenterStream, fit_center, fit_center_linear};
     #[pymodule_export]
     use super::hinge::{HingeFit, angular_deviation, hinge_axis, hinge_residuals};
     #[pymodule_export]

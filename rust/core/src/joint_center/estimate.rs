@@ -6,7 +6,7 @@ use nalgebra::{SVector, Vector3};
 use super::{
     Matrix12, Unknowns,
     moments::Moments,
-    observability::{Evidence, evidence, undetermined},
+    observability::{Evidence, beyond, evidence, open_levers},
     solve::{Knowledge, Method, Problem, Solution, Status},
 };
 
@@ -68,10 +68,16 @@ pub(super) fn slide([j1, j2]: [Vector3<f64>; 2]) -> SVector<f64, 6> {
     slide.normalize()
 }
 
-/// Directions of the lever arms, beyond those held, that are less certain than `limit`.
+/// Directions of the lever arms, beyond those held, that are open.
 pub(super) fn still_open(covariance: &Matrix12, held: &[SVector<f64, 6>], limit: f64) -> Vec<SVector<f64, 6>> {
     let across = held_projector(held);
-    undetermined(&(across * covariance.fixed_view::<6, 6>(0, 0) * across), limit)
+    // What is held is neither certain nor uncertain: as sure as the average of the others keeps it out of every comparison.
+    let levers = covariance.fixed_view::<6, 6>(0, 0).into_owned();
+    let rest = across * levers * across;
+    let middle = rest.trace() / (6 - held.len()).max(1) as f64;
+    let filled = held.iter().fold(rest, |sum, v| sum + v * v.transpose() * middle.min(limit * limit));
+    let open = open_levers(&filled, limit);
+    open.into_iter().filter(|v| (across * v).norm() > 0.9).map(|v| (across * v).normalize()).collect()
 }
 
 /// Directions of the biases of which the samples tell little more than was known.
@@ -79,12 +85,35 @@ pub(super) fn open_biases(evidence: &Evidence, knowledge: &Knowledge) -> Vec<SVe
     if !knowledge.biases() {
         return Vec::new();
     }
-    undetermined(&evidence.covariance.fixed_view::<6, 6>(6, 6).into_owned(), BIAS_TOLD * knowledge.bias_std)
+    beyond(&evidence.covariance.fixed_view::<6, 6>(6, 6).into_owned(), BIAS_TOLD * knowledge.bias_std)
 }
 
-/// The best minimum from a few starts that need no luck.
+/// The way to the valley is searched on about so many samples.
+const COARSE_SAMPLES: usize = 512;
+
+/// The best minimum from starts that need no luck: the lever arms without biases from zero, then everything from there and
+/// from its mirror images, since the norms hardly tell a lever arm from its opposite where a joint moves little.
 fn search(problem: &Problem<'_>, method: Method, go_on: &mut dyn FnMut() -> bool) -> Solution {
-    problem.minimise(method, Unknowns::zeros(), go_on)
+    let few = problem.moments.thinned(COARSE_SAMPLES);
+    let share = few.len() as f64 / problem.moments.len().max(1) as f64;
+    let knowledge = Knowledge { correlated: (problem.knowledge.correlated * share).max(1.0), ..problem.knowledge };
+    let coarse = Problem { moments: &few, knowledge, ..*problem };
+    let without = Problem { knowledge: Knowledge { bias_std: 0.0, ..knowledge }, ..coarse };
+    let first = without.minimise(Method::Squares, Unknowns::zeros(), go_on);
+    let mut best: Option<Solution> = None;
+    for (sign1, sign2) in [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)] {
+        let mut start = first.x;
+        start.fixed_rows_mut::<3>(0).scale_mut(sign1);
+        start.fixed_rows_mut::<3>(3).scale_mut(sign2);
+        let found = coarse.minimise(method, problem.free * start, go_on);
+        if found.status == Status::Interrupted {
+            return found;
+        }
+        if best.is_none_or(|b| found.merit < b.merit) {
+            best = Some(found);
+        }
+    }
+    problem.minimise(method, best.map_or_else(Unknowns::zeros, |b| b.x), go_on)
 }
 
 fn held_projector(held: &[SVector<f64, 6>]) -> nalgebra::SMatrix<f64, 6, 6> {

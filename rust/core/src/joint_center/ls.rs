@@ -9,20 +9,19 @@ use super::{
     estimate::{Estimate, free_of, open_biases, slide, still_open},
     loss::Loss,
     moments::{Moments, Side},
-    observability::{Evidence, LEAST_RESIDUAL, PIECE_S, sandwich},
+    observability::{Evidence, Judged, LEAST_RESIDUAL, PIECE_S},
     solve::{Knowledge, Solution, Status},
 };
-use crate::rigid_body::lever_matrix;
 
-/// The residual `a1 − b1 − K1 r1 − R12 (a2 − b2 − K2 r2)` and its derivative.
+/// The residual `p1 − R12 p2` with `p = A − B b − C r`, and its derivative.
 pub fn residual(sides: &[Side; 2], rotation: &Matrix3<f64>, x: &Unknowns) -> (Vector3<f64>, SMatrix<f64, 3, 12>) {
-    let [[gyr1, dot1, acc1], [gyr2, dot2, acc2]] = sides;
+    let [one, two] = sides;
     let mut slope = SMatrix::<f64, 3, 12>::zeros();
-    slope.fixed_columns_mut::<3>(0).copy_from(&-lever_matrix(gyr1, dot1));
-    slope.fixed_columns_mut::<3>(3).copy_from(&(rotation * lever_matrix(gyr2, dot2)));
-    slope.fixed_columns_mut::<3>(6).copy_from(&-Matrix3::identity());
-    slope.fixed_columns_mut::<3>(9).copy_from(rotation);
-    (acc1 - rotation * acc2 + slope * x, slope)
+    slope.fixed_columns_mut::<3>(0).copy_from(&-one.c);
+    slope.fixed_columns_mut::<3>(3).copy_from(&(rotation * two.c));
+    slope.fixed_columns_mut::<3>(6).copy_from(&-one.b);
+    slope.fixed_columns_mut::<3>(9).copy_from(&(rotation * two.b));
+    (one.a - rotation * two.a + slope * x, slope)
 }
 
 /// Minimises `Σ ‖e‖²` (eq. 13), with biases under their prior where these are asked for; `q_12` has one rotation a moment.
@@ -47,6 +46,7 @@ pub fn estimate(
     let first = sums.solve(knowledge, &held);
     let covariance = |x: &Unknowns| {
         let mut scores: Vec<Unknowns> = Vec::new();
+        let mut scatter = Matrix12::zeros();
         let mut present = f64::NAN;
         for ((sides, rotation), time) in rows.iter().zip(moments.time_s()) {
             let (e, slope) = residual(sides, rotation, x);
@@ -55,11 +55,15 @@ pub fn estimate(
                 present = piece;
                 scores.push(Unknowns::zeros());
             }
-            if let Some(score) = scores.last_mut() {
-                *score += slope.tr_mul(&e);
+            let score = slope.tr_mul(&e);
+            scatter += score * score.transpose();
+            if let Some(sum) = scores.last_mut() {
+                *sum += score;
             }
         }
-        (sandwich(&scores, &sums.information, sums.weight(x, knowledge), knowledge), scores.len())
+        let judged = Judged { scores: &scores, scatter: &scatter, hessian: &sums.information, count: rows.len() as f64 };
+        let rms = ComplexField::sqrt(sums.cost(x) / (3 * rows.len()).max(1) as f64);
+        (judged.covariance(sums.weight(x, knowledge), rms, knowledge), scores.len())
     };
     let open = still_open(&covariance(&first).0, &held, undetermined_std);
     held.extend(open);
@@ -78,7 +82,7 @@ pub fn estimate(
     let open_bias = open_biases(&evidence, knowledge);
     let finite = x.iter().all(|v| v.is_finite());
     let status = if finite { Status::Converged } else { Status::NumericalError };
-    let solution = Solution { x, cost, status, iterations: 1, loss: Loss::Square };
+    let solution = Solution { x, cost, merit: cost, status, iterations: 1, loss: Loss::Square };
     Estimate { solution, evidence, open: held, open_bias }
 }
 

@@ -2,11 +2,12 @@
 //!
 //! Both sensors see the same specific force at the joint centre, each in its own frame, so its norms agree (eq. 16):
 //! `e = ‖a1 − b1 − K1 r1‖ − ‖a2 − b2 − K2 r2‖`. The lever arms `r` and, beyond the paper, the accelerometer biases `b` are
-//! those that make e small.
+//! those that make e small. Smoothed, the same equation reads `e = ‖A1 − B1 b1 − C1 r1‖ − ‖A2 − B2 b2 − C2 r2‖`.
 //!
 //! | module | holds |
 //! | --- | --- |
-//! | [`moments`] | the samples with their angular accelerations |
+//! | [`moments`] | the samples, raw with their angular accelerations, or smoothed |
+//! | [`smooth`] | the low-pass in a frame that does not turn |
 //! | [`residual`] | e and its derivatives (eqs 16–19), summed in one pass |
 //! | [`loss`] | squares, absolute values, Huber |
 //! | [`solve`] | SS (eq. 15) and SA (eq. 20): the descent, its start, its end |
@@ -21,6 +22,7 @@ pub mod ls;
 pub mod moments;
 pub mod observability;
 pub mod residual;
+pub mod smooth;
 pub mod solve;
 pub mod stream;
 

@@ -1,53 +1,75 @@
-//! The samples that a joint centre is estimated from.
+//! The samples that a joint centre is estimated from. Of both sensors at one instant they say `p = A − B b − C r`, the specific
+//! force at the joint centre, in the frame of the sensor: raw samples with `A = a, B = I, C = K(ω, ω̇)` (eqs 3–4), smoothed
+//! ones as the module `smooth` makes them.
 
 use alloc::vec::Vec;
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::loss::{CHUNK, Chunk};
-use crate::{Xyz, rigid_body::Moment};
+use crate::rigid_body::{Moment, lever_matrix};
 
-/// Many [`Moment`]s, laid out so that [`CHUNK`] of them go through the arithmetic side by side.
+/// Channels of one sensor, raw: gyr, gyr_dot, acc.
+pub(crate) const RAW: usize = 9;
+/// Channels of one sensor, smoothed: A, the columns of B and of C, gyr.
+pub(crate) const SMOOTH: usize = 24;
+
+/// One sensor at one instant.
+#[derive(Clone, Copy, Debug)]
+pub struct Side {
+    /// Specific force, m/s².
+    pub a: Vector3<f64>,
+    /// What a bias of the accelerometer adds to it.
+    pub b: Matrix3<f64>,
+    /// What a lever arm adds to it, 1/s².
+    pub c: Matrix3<f64>,
+    /// Angular rate, rad/s.
+    pub gyr: Vector3<f64>,
+}
+
+/// Many instants of both sensors, all raw or all smoothed, laid out so that [`CHUNK`] of them go through the arithmetic side
+/// by side.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Moments {
     time_s: Vec<f64>,
-    /// gyr, gyr_dot, acc of sensor 1, then of sensor 2, x y z each. The last block is filled up with zeros.
-    blocks: Vec<[Chunk; 18]>,
-    /// What the gyroscopes are known to show at rest, rad/s; taken off wherever rates are used.
-    gyr_bias: [Xyz; 2],
+    /// Blocks of one chunk a channel, sensor 1 first. The last block is filled up with zeros.
+    chunks: Vec<Chunk>,
+    /// Channels of both sensors.
+    channels: usize,
 }
 
-/// One sensor at one instant: gyr, gyr_dot, acc.
-pub type Side = [Vector3<f64>; 3];
-
 impl Moments {
-    /// Adds one moment.
+    /// Adds a raw instant.
     pub fn push(&mut self, m: &Moment) {
+        let s = &m.sample;
+        let parts = [&s[0..3], &m.gyr_dot1, &s[3..6], &s[6..9], &m.gyr_dot2, &s[9..12]];
+        self.push_values(m.time_s, 2 * RAW, parts.into_iter().flatten().copied());
+    }
+
+    /// Adds a smoothed instant.
+    pub fn push_smooth(&mut self, time_s: f64, sides: &[Side; 2]) {
+        let values = |s: &Side| {
+            let (a, b, c, gyr) = (s.a, s.b, s.c, s.gyr);
+            let mut values = [0.0; SMOOTH];
+            let all = a.iter().chain(b.iter()).chain(c.iter()).chain(gyr.iter()).copied();
+            values.iter_mut().zip(all).for_each(|(slot, value)| *slot = value);
+            values
+        };
+        self.push_values(time_s, 2 * SMOOTH, sides.iter().flat_map(values));
+    }
+
+    fn push_values(&mut self, time_s: f64, channels: usize, values: impl Iterator<Item = f64>) {
+        debug_assert!(self.is_empty() || self.channels == channels, "raw and smoothed instants do not mix");
+        self.channels = channels;
         let place = self.time_s.len() % CHUNK;
         if place == 0 {
-            self.blocks.push([[0.0; CHUNK]; 18]);
+            self.chunks.resize(self.chunks.len() + channels, [0.0; CHUNK]);
         }
-        self.time_s.push(m.time_s);
-        let Some(block) = self.blocks.last_mut() else { return };
-        let s = &m.sample;
-        for k in 0..3 {
-            block[k][place] = s[k];
-            block[3 + k][place] = m.gyr_dot1[k];
-            block[6 + k][place] = s[3 + k];
-            block[9 + k][place] = s[6 + k];
-            block[12 + k][place] = m.gyr_dot2[k];
-            block[15 + k][place] = s[9 + k];
+        self.time_s.push(time_s);
+        let start = self.chunks.len() - channels;
+        for (chunk, value) in self.chunks[start..].iter_mut().zip(values) {
+            chunk[place] = value;
         }
-    }
-
-    /// What the gyroscopes are known to show at rest, rad/s: taken off from now on.
-    pub fn set_gyr_bias(&mut self, gyr_bias: [Xyz; 2]) {
-        self.gyr_bias = gyr_bias;
-    }
-
-    /// See [`Self::set_gyr_bias`].
-    pub fn gyr_bias(&self) -> [Vector3<f64>; 2] {
-        self.gyr_bias.map(Into::into)
     }
 
     /// How many there are.
@@ -65,32 +87,39 @@ impl Moments {
         &self.time_s
     }
 
-    /// Channels of [`CHUNK`] moments at a time, and how many of them count.
-    pub(crate) fn blocks(&self) -> impl Iterator<Item = (&[Chunk; 18], usize)> {
+    /// Channels of [`CHUNK`] instants at a time, and how many of these count.
+    pub(crate) fn blocks(&self) -> impl Iterator<Item = (&[Chunk], usize)> {
         let count = self.len();
-        self.blocks.iter().enumerate().map(move |(n, block)| (block, (count - n * CHUNK).min(CHUNK)))
+        let blocks = self.chunks.chunks_exact(self.channels.max(1));
+        blocks.enumerate().map(move |(n, block)| (block, (count - n * CHUNK).min(CHUNK)))
     }
 
-    /// Both sensors at one instant, biases of the gyroscopes taken off.
+    /// Both sensors at one instant.
     pub fn at(&self, k: usize) -> [Side; 2] {
-        let block = &self.blocks[k / CHUNK];
-        let vector = |c: usize| Vector3::new(block[c][k % CHUNK], block[c + 1][k % CHUNK], block[c + 2][k % CHUNK]);
-        let [bias1, bias2] = self.gyr_bias();
-        [[vector(0) - bias1, vector(3), vector(6)], [vector(9) - bias2, vector(12), vector(15)]]
+        let start = k / CHUNK * self.channels;
+        let block = &self.chunks[start..start + self.channels];
+        [0, self.channels / 2].map(|from| {
+            let vector = |c: usize| {
+                let c = from + c;
+                Vector3::new(block[c][k % CHUNK], block[c + 1][k % CHUNK], block[c + 2][k % CHUNK])
+            };
+            let matrix = |c: usize| Matrix3::from_columns(&[vector(c), vector(c + 3), vector(c + 6)]);
+            if self.channels == 2 * RAW {
+                let (gyr, gyr_dot) = (vector(0), vector(3));
+                Side { a: vector(6), b: Matrix3::identity(), c: lever_matrix(&gyr, &gyr_dot), gyr }
+            } else {
+                Side { a: vector(0), b: matrix(3), c: matrix(12), gyr: vector(21) }
+            }
+        })
     }
 
     /// Those at the given places.
     pub(super) fn picked(&self, places: impl Iterator<Item = usize>) -> Self {
-        let mut picked = Self { gyr_bias: self.gyr_bias, ..Self::default() };
-        for (place, k) in places.enumerate() {
-            if place % CHUNK == 0 {
-                picked.blocks.push([[0.0; CHUNK]; 18]);
-            }
-            picked.time_s.push(self.time_s[k]);
-            let (Some(to), from) = (picked.blocks.last_mut(), &self.blocks[k / CHUNK]) else { break };
-            for (to, from) in to.iter_mut().zip(from) {
-                to[place % CHUNK] = from[k % CHUNK];
-            }
+        let mut picked = Self::default();
+        for k in places {
+            let start = k / CHUNK * self.channels;
+            let values = self.chunks[start..start + self.channels].iter().map(|chunk| chunk[k % CHUNK]);
+            picked.push_values(self.time_s[k], self.channels, values);
         }
         picked
     }
@@ -102,6 +131,8 @@ impl Moments {
 
     /// Whether this, read back, hangs together.
     pub(super) fn is_sound(&self) -> bool {
-        self.blocks.len() == self.len().div_ceil(CHUNK)
+        [0, 2 * RAW, 2 * SMOOTH].contains(&self.channels)
+            && (self.channels > 0 || self.is_empty())
+            && self.chunks.len() == self.len().div_ceil(CHUNK) * self.channels
     }
 }

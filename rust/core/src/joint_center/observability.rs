@@ -8,14 +8,21 @@ use super::{
     Matrix12, Unknowns,
     loss::Loss,
     moments::Moments,
-    residual::{spread, sums},
+    residual::{considered, residual, spread, sums},
     solve::Knowledge,
 };
 
-/// Residuals closer in time than this share their causes and count as one observation, s.
+/// Residuals closer in time than this share their causes, s.
 pub const PIECE_S: f64 = 1.0;
 /// What a sensor gets wrong anyway, m/s²: smaller residuals are no reason to be surer.
-pub const LEAST_RESIDUAL: f64 = 0.01;
+pub const LEAST_RESIDUAL: f64 = 0.003;
+/// Residuals as large as this, m/s², are no noise: skin, straps or the joint itself move, in step with the motion, so that all
+/// samples of a second count as one. Mechanical joints leave 0.01–0.05, knees 0.3–1.
+const TISSUE_RESIDUAL: f64 = 0.15;
+/// What is not estimated but considered: standard deviations of the scale factors of gyroscopes and accelerometers.
+const SCALE_STD: f64 = 0.001;
+/// Their effect is read off so many samples.
+const CONSIDERED_SAMPLES: usize = 1024;
 
 /// How far a solution can be trusted.
 #[derive(Clone, Debug)]
@@ -40,23 +47,72 @@ pub fn evidence(moments: &Moments, x: &Unknowns, loss: Loss, knowledge: &Knowled
     };
     let spread = spread(moments, x, loss, knowledge.biases(), |time| ComplexField::floor(time / PIECE_S));
     let weight = count / (loss.power() * knowledge.correlated) / (spread.cost + count * loss.of(LEAST_RESIDUAL).0);
-    let rms = ComplexField::sqrt(spread.squares / count);
+    let (mean, rms) = (spread.absolute / count, ComplexField::sqrt(spread.squares / count));
+    let judged = Judged { scores: &spread.scores, scatter: &spread.scatter, hessian: &spread.hessian, count };
+    let covariance = judged.covariance(weight, if loss.power() == 1.0 { mean } else { rms }, knowledge);
     Evidence {
-        covariance: sandwich(&spread.scores, &spread.hessian, weight, knowledge),
-        residual_std: if loss.power() == 1.0 { spread.absolute / count * 1.2533 } else { rms },
+        covariance: covariance + considered_covariance(moments, x, loss, weight, &spread.hessian, knowledge),
+        residual_std: if loss.power() == 1.0 { mean * 1.2533 } else { rms },
         unexplained: if spread.without_levers > 0.0 { ComplexField::sqrt(spread.squares / spread.without_levers) } else { 1.0 },
         pieces: spread.scores.len(),
     }
 }
 
-/// `H⁻¹ (Σ s sᵀ + P) H⁻¹` over the scores s of pieces of time, with what is known beforehand (P) in both.
-pub(super) fn sandwich(scores: &[Unknowns], hessian: &Matrix12, weight: f64, knowledge: &Knowledge) -> Matrix12 {
+/// What a covariance is made from: sums over the samples.
+pub(super) struct Judged<'a> {
+    /// Scores of pieces of time.
+    pub scores: &'a [Unknowns],
+    /// Sum of the outer products of the scores of single samples.
+    pub scatter: &'a Matrix12,
+    /// Curvature of the cost.
+    pub hessian: &'a Matrix12,
+    /// Samples.
+    pub count: f64,
+}
+
+impl Judged<'_> {
+    /// `H⁻¹ (c S + P) H⁻¹` with the scatter S of single scores, what is known beforehand (P), and the correlation c: by how
+    /// much the scores of whole seconds scatter more than single ones would make them. As one number, since its own scatter
+    /// over twelve directions would be worse than what it corrects.
+    pub(super) fn covariance(&self, weight: f64, residual: f64, knowledge: &Knowledge) -> Matrix12 {
+        let active = if knowledge.biases() { 12 } else { 6 };
+        let prior = Matrix12::from_diagonal(&knowledge.information());
+        let bread = invert(&(self.hessian * weight + prior), active);
+        let unknowns = active as f64;
+        let pieces = self.scores.iter().fold(Matrix12::zeros(), |sum, s| sum + s * s.transpose());
+        let ratio = (invert(self.scatter, active) * pieces).trace() / unknowns;
+        let correlation = if ratio.is_finite() { ratio.max(1.0) } else { 1.0 };
+        // Few independent samples: the scale of the residuals is itself uncertain, and they fit too well.
+        let independent = self.count / correlation;
+        let few = 1.0 + unknowns / (independent - unknowns).max(0.1 * unknowns);
+        let tissue = (residual / TISSUE_RESIDUAL).min(1.0);
+        let second = knowledge.correlated / correlation * tissue * tissue;
+        bread * (self.scatter * (weight * weight * correlation * (few + second)) + prior) * bread
+    }
+}
+
+/// What gyroscope biases and scale factors, which are not estimated, do to the solution.
+fn considered_covariance(
+    moments: &Moments,
+    x: &Unknowns,
+    loss: Loss,
+    weight: f64,
+    hessian: &Matrix12,
+    knowledge: &Knowledge,
+) -> Matrix12 {
+    let few = moments.thinned(CONSIDERED_SAMPLES);
+    let mut effect = SMatrix::<f64, 12, 10>::zeros();
+    for k in 0..few.len() {
+        let sides = few.at(k);
+        let (e, slope) = residual(&sides, x);
+        effect += slope * considered(&sides, x).transpose() * loss.of(e).2;
+    }
     let active = if knowledge.biases() { 12 } else { 6 };
     let prior = Matrix12::from_diagonal(&knowledge.information());
-    let bread = invert(&(hessian * weight + prior), active);
-    let few = scores.len() as f64 / (scores.len() as f64 - active as f64 * 0.5).max(1.0);
-    let meat = scores.iter().fold(Matrix12::zeros(), |meat, s| meat + s * s.transpose());
-    bread * (meat * (weight * weight * few) + prior) * bread
+    let share = moments.len() as f64 / few.len().max(1) as f64;
+    let std = SVector::<f64, 10>::from_fn(|k, _| if k < 6 { knowledge.gyr_bias_std } else { SCALE_STD });
+    let moved = invert(&(hessian * weight + prior), active) * (effect * (weight * share)) * SMatrix::from_diagonal(&std);
+    moved * moved.transpose()
 }
 
 /// Inverse over the first `active` unknowns, zero elsewhere.
@@ -67,14 +123,30 @@ fn invert(matrix: &Matrix12, active: usize) -> Matrix12 {
         held.column_mut(k).fill(0.0);
         held[(k, k)] = 1.0;
     }
-    let scale = held.trace();
+    let scale = (0..active).map(|k| held[(k, k)]).sum::<f64>();
     let mut inverse = (held + Matrix12::identity() * (1e-14 * scale)).cholesky().map_or(Matrix12::zeros(), |c| c.inverse());
-    (active..12).for_each(|k| inverse[(k, k)] = 0.0);
+    for k in active..12 {
+        inverse[(k, k)] = 0.0;
+    }
     inverse
 }
 
-/// Unit directions of a 6×6 covariance in which the standard deviation exceeds `limit`, the worst first.
-pub fn undetermined(covariance: &SMatrix<f64, 6, 6>, limit: f64) -> Vec<SVector<f64, 6>> {
+/// A direction is open, too, when it is this many times less certain than the third most certain...
+const OUTLIER: f64 = 20.0;
+/// ...and less certain than this, m.
+const OUTLIER_STD: f64 = 0.002;
+
+/// Unit directions of the stacked lever arms that are open: their standard deviation exceeds `limit`, or stands out by far (a
+/// hinge in clean motion). The worst first.
+pub fn open_levers(covariance: &SMatrix<f64, 6, 6>, limit: f64) -> Vec<SVector<f64, 6>> {
+    let mut values = SymmetricEigen::new(*covariance).eigenvalues;
+    values.as_mut_slice().sort_by(f64::total_cmp);
+    let standing_out = (OUTLIER * ComplexField::sqrt(values[2].max(0.0))).max(OUTLIER_STD);
+    beyond(covariance, limit.min(standing_out))
+}
+
+/// Unit directions of a covariance in which the standard deviation exceeds `limit`, the worst first.
+pub fn beyond(covariance: &SMatrix<f64, 6, 6>, limit: f64) -> Vec<SVector<f64, 6>> {
     let eigen = SymmetricEigen::new(*covariance);
     let mut open: Vec<usize> = (0..6).filter(|&k| eigen.eigenvalues[k] > limit * limit).collect();
     open.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));

@@ -31,11 +31,13 @@ pub struct Knowledge {
     pub lever_std: f64,
     /// Neighbouring residuals of which so many tell as much as one alone.
     pub correlated: f64,
+    /// Standard deviation of each gyroscope bias channel, rad/s: not estimated, but considered in the covariance.
+    pub gyr_bias_std: f64,
 }
 
 impl Knowledge {
     /// As published: no biases, nothing known of the lever arms.
-    pub const PUBLISHED: Self = Self { bias_std: 0.0, lever_std: f64::INFINITY, correlated: 1.0 };
+    pub const PUBLISHED: Self = Self { bias_std: 0.0, lever_std: f64::INFINITY, correlated: 1.0, gyr_bias_std: 0.0 };
 
     pub(crate) fn biases(&self) -> bool {
         self.bias_std > 0.0
@@ -70,15 +72,18 @@ pub struct Solution {
     pub x: Unknowns,
     /// Sum of `e²` (SS), of Huber's costs, or of `|e|` (SA) there, (m/s²)² or m/s².
     pub cost: f64,
+    /// Minus the logarithm of the likelihood, up to a constant.
+    pub merit: f64,
     /// Why the descent ended.
     pub status: Status,
-    /// Passes over the samples, the coarse ones not counted.
+    /// Newton steps over all samples.
     pub iterations: usize,
     /// The loss at the end: its threshold or smoothing, m/s².
     pub loss: Loss,
 }
 
 /// A cost over samples, and the subspace in which it is minimised.
+#[derive(Clone, Copy)]
 pub struct Problem<'a> {
     /// The samples.
     pub moments: &'a Moments,
@@ -102,8 +107,6 @@ const SMOOTHING_STEP: f64 = 0.2;
 const MAJORISING_SHARE: f64 = 0.02;
 /// Huber's threshold in standard deviations of a Gaussian: 95 % efficient (Huber 1981).
 const HUBER: f64 = 1.345;
-/// The way to the valley is walked on about so many samples.
-const COARSE_SAMPLES: usize = 1024;
 
 struct Point {
     /// Log-likelihood up to sign and constant.
@@ -183,27 +186,14 @@ impl<'a> Problem<'a> {
 
     /// The minimum of `method` near `start`.
     pub fn minimise(&self, method: Method, start: Unknowns, go_on: &mut dyn FnMut() -> bool) -> Solution {
-        let mut left = Left { steps: self.max_iterations, used: 0, go_on };
-        let mut x = start;
-        if self.moments.len() >= 2 * COARSE_SAMPLES {
-            let few = self.moments.thinned(COARSE_SAMPLES);
-            let share = self.knowledge.correlated * few.len() as f64 / self.moments.len() as f64;
-            let coarse = Problem {
-                moments: &few,
-                knowledge: Knowledge { correlated: share.max(1.0), ..self.knowledge },
-                free: self.free,
-                max_iterations: self.max_iterations,
-            };
-            let mut left = Left { steps: self.max_iterations, used: 0, go_on: left.go_on };
-            x = coarse.follow(method, start, &mut left).x;
-        }
-        self.follow(method, x, &mut left)
+        self.follow(method, start, &mut Left { steps: self.max_iterations, used: 0, go_on })
     }
 
     fn follow(&self, method: Method, start: Unknowns, left: &mut Left<'_>) -> Solution {
         let end = |(x, point, status): (Unknowns, Point, Status), loss: Loss, left: &Left<'_>| Solution {
             x,
             cost: if let Loss::Absolute(..) = loss { point.sums.absolute } else { 2.0 * point.sums.cost },
+            merit: point.merit,
             status,
             iterations: left.used,
             loss,

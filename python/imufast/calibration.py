@@ -1,0 +1,300 @@
+"""Everything that is known of a joint and its two sensors, in one object: axis, centre, biases, noise, verdict."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imufast.axis import JointAxis
+from imufast.center import CenterEstimate, CenterStatus, JointCenter, estimate_joint_center
+from imufast.decide import HingeStep, Verdict
+from imufast.errors import InputError
+from imufast.files import write_text
+from imufast.hinge import HingeCalibration, calibrate_hinge
+from imufast.imu import Imu
+from imufast.noise import SensorNoise, sensor_noise
+from imufast.pairs import check_pair
+from imufast.settings import CenterSettings, HingeSettings, check_choice
+
+__all__ = ["JointCalibration", "calibrate_joint"]
+
+Array = NDArray[np.float64]
+
+JOINTS = ("auto", "hinge", "ball")
+SCHEMA = "imufast.joint-calibration"
+SCHEMA_VERSION = 1
+"""Raised whenever a name changes its meaning or goes away; new names do not raise it."""
+
+
+def _zeros3() -> Array:
+    return np.zeros(3)
+
+
+@dataclass(frozen=True, eq=False)
+class JointCalibration:
+    """A joint and the two sensors on its segments, as far as they are known. Made by `calibrate_joint`, or by hand: every part
+    may be given, none must.
+
+    Attributes:
+        verdict: HINGE, APPROXIMATE_HINGE, BALL_JOINT, NOT_A_HINGE, NOT_ENOUGH_INFORMATION or MOUNTING_CHANGED.
+        accepted: whether to trust it: a hinge by its own rules (see `HingeCalibration`), a ball joint by its centre.
+        axis: the hinge axis in both sensor frames; None where there is none to speak of.
+        center: the joint centre as seen from both sensors; None where the motion says next to nothing of it.
+        gyr_bias1, gyr_bias2: (3,) subtract from the rates, rad/s. Default 0.
+        acc_bias1, acc_bias2: (3,) subtract from the specific forces, m/s². Default 0.
+        gyr_bias_std: standard deviation of each gyroscope bias channel, rad/s. Default 0.0087 (0.5 deg/s).
+        acc_bias_covariance: (6, 6) of the stacked accelerometer biases, (m/s²)². Default 0.
+        noise: of the sensors and of the joint; None where unknown.
+        why: what stands in the way of acceptance, in words.
+        history: the steps of the hinge's calibration.
+        hinge: all that the hinge's calibration found; None by hand, after `load` and where it was not asked.
+        estimate: all that the centre's estimate found; likewise.
+
+    Raises:
+        InputError: shapes that do not fit, values that are not finite, axes that are not unit vectors.
+    """
+
+    verdict: Verdict = Verdict.NOT_ENOUGH_INFORMATION
+    accepted: bool = False
+    axis: JointAxis | None = None
+    center: JointCenter | None = None
+    gyr_bias1: Array = field(default_factory=_zeros3)
+    gyr_bias2: Array = field(default_factory=_zeros3)
+    acc_bias1: Array = field(default_factory=_zeros3)
+    acc_bias2: Array = field(default_factory=_zeros3)
+    gyr_bias_std: float = 0.0087
+    acc_bias_covariance: Array = field(default_factory=lambda: np.zeros((6, 6)), repr=False)
+    noise: SensorNoise | None = None
+    why: tuple[str, ...] = ()
+    history: tuple[HingeStep, ...] = field(default=(), repr=False)
+    hinge: HingeCalibration | None = field(default=None, repr=False)
+    estimate: CenterEstimate | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        for name in ("gyr_bias1", "gyr_bias2", "acc_bias1", "acc_bias2"):
+            object.__setattr__(self, name, _checked(name, getattr(self, name), (3,)))
+        name = "acc_bias_covariance"
+        object.__setattr__(self, name, _checked(name, self.acc_bias_covariance, (6, 6)))
+        if not isinstance(self.verdict, Verdict):
+            object.__setattr__(self, "verdict", _verdict(self.verdict))
+        if not (isinstance(self.gyr_bias_std, (int, float)) and 0.0 <= self.gyr_bias_std < math.inf):
+            raise InputError(f"gyr_bias_std must be a number of at least 0, got {self.gyr_bias_std!r}")
+        if self.axis is not None:
+            if not isinstance(self.axis, JointAxis):
+                raise InputError(f"axis must be a JointAxis or None, got {type(self.axis).__name__}")
+            for name in ("axis1", "axis2"):
+                vector = _checked(f"axis.{name}", getattr(self.axis, name), (3,))
+                if abs(float(np.linalg.norm(vector)) - 1.0) > 1e-6:
+                    raise InputError(f"axis.{name} must be a unit vector, got {vector.tolist()}")
+        if self.center is not None:
+            if not isinstance(self.center, JointCenter):
+                raise InputError(f"center must be a JointCenter or None, got {type(self.center).__name__}")
+            for name in ("in_sensor1", "in_sensor2"):
+                _checked(f"center.{name}", getattr(self.center, name), (3,))
+        if self.noise is not None and not isinstance(self.noise, SensorNoise):
+            raise InputError(f"noise must be a SensorNoise or None, got {type(self.noise).__name__}")
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it as versioned JSON (`schema`, `schema_version`; units in the names), whole or not at all. `hinge` and
+        `estimate`, the evidence, are not part of it.
+
+        Raises:
+            InputError: the path cannot be written.
+        """
+        write_text(path, json.dumps(self._plain(), allow_nan=True, indent=1) + "\n")
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> JointCalibration:
+        """The calibration that `save` wrote.
+
+        Raises:
+            InputError: no such file, not a calibration, damaged, or of a newer version.
+        """
+        try:
+            text = Path(path).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError, TypeError, ValueError) as error:
+            raise InputError(f"path {str(path)!r} cannot be read as a calibration: {error}") from None
+        try:
+            plain = json.loads(text)
+            if not isinstance(plain, dict) or plain.get("schema") != SCHEMA:
+                raise ValueError("it is not a joint calibration that imufast saved")
+            if plain["schema_version"] > SCHEMA_VERSION:
+                raise ValueError(f"it is of version {plain['schema_version']}, this imufast knows {SCHEMA_VERSION}: update it")
+            return cls._from_plain(plain)
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError, InputError) as error:
+            reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+            raise InputError(f"path {str(path)!r} holds no calibration: {reason}") from None
+
+    def _plain(self) -> dict[str, Any]:
+        axis, center = self.axis, self.center
+        return {
+            "schema": SCHEMA,
+            "schema_version": SCHEMA_VERSION,
+            "verdict": self.verdict.value,
+            "accepted": self.accepted,
+            "why": list(self.why),
+            "axis": axis
+            and {
+                "axis1": axis.axis1.tolist(),
+                "axis2": axis.axis2.tolist(),
+                "covariance_rad2": axis.covariance.tolist(),
+                "bound95_deg": axis.bound95_deg.tolist(),
+            },
+            "center": center
+            and {
+                "in_sensor1_m": center.in_sensor1.tolist(),
+                "in_sensor2_m": center.in_sensor2.tolist(),
+                "covariance_m2": center.covariance.tolist(),
+                "undetermined": center.undetermined.tolist(),
+            },
+            "gyr_bias1_rad_s": self.gyr_bias1.tolist(),
+            "gyr_bias2_rad_s": self.gyr_bias2.tolist(),
+            "gyr_bias_std_rad_s": self.gyr_bias_std,
+            "acc_bias1_m_s2": self.acc_bias1.tolist(),
+            "acc_bias2_m_s2": self.acc_bias2.tolist(),
+            "acc_bias_covariance_m2_s4": self.acc_bias_covariance.tolist(),
+            "noise": self.noise and asdict(self.noise),
+            "history": [step.plain() for step in self.history],
+        }
+
+    @classmethod
+    def _from_plain(cls, plain: dict[str, Any]) -> JointCalibration:
+        axis, center, noise = plain["axis"], plain["center"], plain["noise"]
+        return cls(
+            verdict=Verdict(plain["verdict"]),
+            accepted=plain["accepted"] is True,
+            axis=None
+            if axis is None
+            else JointAxis(
+                _checked("axis1", axis["axis1"], (3,)),
+                _checked("axis2", axis["axis2"], (3,)),
+                np.array(axis["covariance_rad2"], np.float64).reshape(6, 6),
+                np.array(axis["bound95_deg"], np.float64).reshape(2),
+            ),
+            center=None
+            if center is None
+            else JointCenter(
+                _checked("in_sensor1_m", center["in_sensor1_m"], (3,)),
+                _checked("in_sensor2_m", center["in_sensor2_m"], (3,)),
+                np.array(center["covariance_m2"], np.float64).reshape(6, 6),
+                np.array(center["undetermined"], np.float64).reshape(-1, 6),
+            ),
+            gyr_bias1=plain["gyr_bias1_rad_s"],
+            gyr_bias2=plain["gyr_bias2_rad_s"],
+            gyr_bias_std=plain["gyr_bias_std_rad_s"],
+            acc_bias1=plain["acc_bias1_m_s2"],
+            acc_bias2=plain["acc_bias2_m_s2"],
+            acc_bias_covariance=plain["acc_bias_covariance_m2_s4"],
+            noise=None if noise is None else SensorNoise(**noise),
+            why=tuple(str(reason) for reason in plain["why"]),
+            history=tuple(HingeStep.from_plain(step) for step in plain["history"]),
+        )
+
+
+def _checked(name: str, value: object, shape: tuple[int, ...]) -> Array:
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be numbers of shape {shape}, got {type(value).__name__}") from None
+    if array.shape != shape or not np.isfinite(array).all():
+        raise InputError(f"{name} must be finite numbers of shape {shape}, got {value!r}")
+    array.flags.writeable = False
+    return array
+
+
+def _verdict(value: object) -> Verdict:
+    try:
+        return Verdict(value)
+    except ValueError:
+        raise InputError(f"verdict must be one of {', '.join(Verdict)}, got {value!r}") from None
+
+
+def calibrate_joint(
+    imu1: Imu,
+    imu2: Imu,
+    joint: str = "auto",
+    *,
+    hinge_settings: HingeSettings | None = None,
+    center_settings: CenterSettings | None = None,
+) -> JointCalibration:
+    """Find out what a joint is and where: hinge axis (`calibrate_hinge`), centre (`estimate_joint_center`, method "sa"), biases
+    and noise, in one object that everything after it uses.
+
+    Args:
+        imu1, imu2: the sensors on the two segments, same time base. Any mounting.
+        joint: "auto" tells hinges, ball joints and neither apart; "hinge" asks for a hinge; "ball" leaves the axis out.
+        hinge_settings: default `HingeSettings()`.
+        center_settings: default `CenterSettings()`.
+
+    Returns:
+        JointCalibration. Where a strap has slipped, centre and biases are those of the time since. Motion that does not tell
+        is a verdict, not an exception.
+
+    Raises:
+        InputError: not two Imus of one time base, the same data twice, or too few samples.
+        SettingsError: an unknown joint.
+    """
+    check_choice("joint", joint, JOINTS)
+    check_pair(imu1, imu2)
+    hinge = None if joint == "ball" else calibrate_hinge(imu1, imu2, settings=hinge_settings)
+    axis = None if hinge is None else _axis(hinge)
+    if hinge is not None and hinge.mounting_changed_at_s:
+        kept = [imu.between(hinge.mounting_changed_at_s[-1]) for imu in (imu1, imu2)]
+        imu1, imu2 = kept if len(kept[0]) >= 4 else (imu1, imu2)
+    center = estimate_joint_center(
+        imu1, imu2, "sa", axis=axis if hinge is not None and hinge.accepted else None, settings=center_settings
+    )
+    found = center.status in (CenterStatus.CONVERGED, CenterStatus.PARTLY_DETERMINED)
+    verdict, accepted, why = _judge(hinge, center)
+    if verdict in (Verdict.BALL_JOINT, Verdict.NOT_A_HINGE):
+        axis = None
+    noise = replace(sensor_noise(imu1, imu2), link_std=center.residual_std if found else None)
+    none_seen = center.gyr_bias1 is None or center.gyr_bias2 is None
+    settings = (hinge.settings if hinge else hinge_settings) or HingeSettings()
+    return JointCalibration(
+        verdict=verdict,
+        accepted=accepted,
+        axis=axis,
+        center=center if found else None,
+        gyr_bias1=_zeros3() if center.gyr_bias1 is None else center.gyr_bias1,
+        gyr_bias2=_zeros3() if center.gyr_bias2 is None else center.gyr_bias2,
+        acc_bias1=center.acc_bias1 if found else _zeros3(),
+        acc_bias2=center.acc_bias2 if found else _zeros3(),
+        gyr_bias_std=settings.gyr_bias_std if none_seen else settings.gyr_bias_rest_std,
+        acc_bias_covariance=center.acc_bias_covariance if found else np.eye(6) * (center.settings.acc_bias_std or 0.0) ** 2,
+        noise=noise,
+        why=why,
+        history=() if hinge is None else hinge.history,
+        hinge=hinge,
+        estimate=center,
+    )
+
+
+def _axis(hinge: HingeCalibration) -> JointAxis | None:
+    if hinge.axis1 is None or hinge.axis2 is None or hinge.bound95_deg is None or hinge.covariance is None:
+        return None
+    return JointAxis(hinge.axis1, hinge.axis2, hinge.covariance, hinge.bound95_deg)
+
+
+def _judge(hinge: HingeCalibration | None, center: CenterEstimate) -> tuple[Verdict, bool, tuple[str, ...]]:
+    """The verdict on the joint from those on its axis and its centre."""
+    determined = center.status is CenterStatus.CONVERGED
+    if hinge is not None and hinge.verdict is not Verdict.NOT_A_HINGE:
+        return hinge.verdict, hinge.accepted, hinge.why
+    if determined:
+        return Verdict.BALL_JOINT, True, ()
+    reason = f"the motion leaves {len(center.undetermined)} of 6 directions of the joint centre open"
+    if center.status not in (CenterStatus.PARTLY_DETERMINED, CenterStatus.NOT_IDENTIFIABLE):
+        reason = f"the search for the joint centre ended with {center.status}"
+    elif not len(center.undetermined):
+        reason = "no joint centre explains the motion: the sensors may not share a joint"
+    if hinge is None:
+        return Verdict.NOT_ENOUGH_INFORMATION, False, (reason,)
+    return Verdict.NOT_A_HINGE, False, (*hinge.why, reason)
