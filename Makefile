@@ -40,6 +40,8 @@ bench: .venv/.bench
 	$(BIN)/python benches/speed.py
 	$(BIN)/python benches/lowpass.py
 	$(BIN)/python benches/stream.py
+	$(BIN)/python benches/center.py
+	$(BIN)/python benches/papers/olsson2017/run.py
 	$(BIN)/python benches/papers/olsson2020/run.py
 
 lint: .venv/.built

@@ -73,6 +73,27 @@ def qmt_hinge() -> QmtHinge | None:
     return hinge
 
 
+DfjimuCenter = Callable[[Array, Array, Array, Array, float], tuple[Array, Array]]
+
+
+@functools.cache
+def dfjimu_center() -> DfjimuCenter | None:
+    """dfjimu's `estimate_lever_arms` with its default settings, as the centre seen from the sensors; None, said plainly, where
+    dfjimu is missing."""
+    try:
+        import dfjimu
+    except ImportError as error:
+        print(f"The peer dfjimu is missing ({error}): its columns stay empty. pip install 'imufast[bench]'", file=sys.stderr)
+        return None
+
+    def center(gyr1: Array, acc1: Array, gyr2: Array, acc2: Array, rate_hz: float) -> tuple[Array, Array]:
+        estimate: Callable[..., tuple[Array, Array]] = dfjimu.estimate_lever_arms  # untyped
+        r1, r2 = estimate(gyr1, gyr2, acc1, acc2, rate_hz)
+        return -np.ravel(r1), -np.ravel(r2)
+
+    return center
+
+
 def imus(rate_hz: float, gyr1: Array, acc1: Array, gyr2: Array, acc2: Array) -> tuple[imufast.Imu, imufast.Imu]:
     """Both sensors, checked for plausibility, which costs time too."""
     return imufast.Imu(gyr1, acc1, rate_hz=rate_hz, name="1"), imufast.Imu(gyr2, acc2, rate_hz=rate_hz, name="2")

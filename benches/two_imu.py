@@ -1,11 +1,12 @@
-"""imufast beside its peers on real recordings: a mechanical joint with optical truth, and a walking person's knees.
+"""imufast beside its peers on real recordings: axis and centre of a mechanical joint with optical truth, and a walking
+person's knees.
 
     python benches/two_imu.py [--markdown] [--rounds 7] [--starts 20]
 
 Default settings on both sides, same arrays, same run; no setting is chosen for a file. Recordings: `two_imu_joint` and
 `lower_body` in the folder IMUFAST_DATA (else ../shared/data). Errors are the worse of both axes; times are medians of
 interleaved runs, from checked sensors (imufast) or arrays (qmt) to the axes. qmt neither judges nor accepts: it is given what
-imufast had seen.
+imufast had seen. Errors of joint centres are means of both sensors, for hinges without the axis direction.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from measuring import (
     Array,
     QmtHinge,
     data_folder,
+    dfjimu_center,
     imus,
     interleaved,
     one_core,
@@ -196,6 +198,73 @@ def knee_row(path: Path, side: str, qmt: QmtHinge | None) -> list[str | None]:
     return [side, verdicts, misfits, apart, f"{bound:.1f}", off, *theirs]
 
 
+CENTER_HEADINGS = (
+    "recording",
+    "samples",
+    "SA, mm",
+    "SS",
+    "SA as published",
+    "SS as published",
+    "dfjimu",
+    "stated std, mm",
+    "bias error, m/s²",
+    "undetermined",
+    "SA, ms",
+    "dfjimu, ms",
+)
+
+
+def center_rows(paths: Sequence[Path], rounds: int) -> list[list[str | None]]:
+    """Errors of the joint centre a recording, and their means and worst."""
+    peer, published = dfjimu_center(), imufast.CenterSettings.as_published()
+    forms = (".2f", ".2f", ".2f", ".2f", ".2f", ".2f", ".3f", ".0f", ".2f", ".2f")
+    numbers: list[list[float | None]] = []
+    for path in paths:
+        with np.load(path) as z:
+            rec = {name: z[name] for name in z.files}
+        rate_hz, arrays = float(rec["rate_hz"]), [np.ascontiguousarray(rec[name], np.float64) for name in ARRAYS]
+        pair = imus(rate_hz, *arrays)
+        ours = imufast.estimate_joint_center(*pair, "sa")
+        found = [ours, imufast.estimate_joint_center(*pair, "ss")]
+        found += [imufast.estimate_joint_center(*pair, method, settings=published) for method in ("sa", "ss")]
+        errors: list[float | None] = [center_error_mm(rec, c.in_sensor1, c.in_sensor2) for c in found]
+        calls: list[Callable[[], object]] = [lambda pair=pair: imufast.estimate_joint_center(*pair)]  # type: ignore[misc]
+        errors.append(None)
+        if peer is not None:
+            gyr1, acc1, gyr2, acc2 = arrays
+            errors[-1] = center_error_mm(rec, *peer(gyr1, acc1, gyr2, acc2, rate_hz))
+            calls.append(lambda a=gyr1, b=acc1, c=gyr2, d=acc2, f=rate_hz: peer(a, b, c, d, f))  # type: ignore[misc]
+        times: list[float | None] = [*(1e3 * np.median(np.array(interleaved(calls, rounds)), axis=0)).tolist(), None]
+        bias = max(across(rec, i, b - rec[f"acc_bias{i}_optical"]) for i, b in ((1, ours.acc_bias1), (2, ours.acc_bias2)))
+        stated = 1e3 * float(np.mean(ours.determined_std))
+        numbers.append([*errors, stated, bias, float(len(ours.undetermined)), *times[:2]])
+    rows: list[list[str | None]] = []
+    for path, values in zip(paths, numbers, strict=True):
+        cells = [None if v is None else format(v, form) for v, form in zip(values, forms, strict=True)]
+        with np.load(path) as z:
+            rows.append([path.stem, str(len(z["gyr1"])), *cells])
+    columns = [[v for v in column if v is not None] for column in zip(*numbers, strict=True)]
+    for name, how in (("mean", statistics.fmean), ("worst", max)):
+        summary = [format(how(c), form) if c else None for c, form in zip(columns, forms, strict=True)]
+        summary[7:] = [None, *(summary[8:] if name == "mean" else [None, None])]  # a mean of counts says nothing
+        rows.append([name, None, *summary])
+    return rows
+
+
+def across(rec: dict[str, Array], sensor: int, error: Array) -> float:
+    """Length of an error in a sensor's frame; for a hinge without its part along the axis."""
+    if f"hinge_axis{sensor}_reference" in rec:
+        axis = rec[f"hinge_axis{sensor}_reference"]
+        error = error - (error @ axis) * axis
+    return float(np.linalg.norm(error))
+
+
+def center_error_mm(rec: dict[str, Array], center1: Array, center2: Array) -> float:
+    """Mean over both sensors."""
+    pairs = ((1, center1), (2, center2))
+    return 1e3 * statistics.fmean(across(rec, i, center - rec[f"joint_in_sensor{i}_optical"]) for i, center in pairs)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--markdown", action="store_true", help="print the table for README")
@@ -227,6 +296,8 @@ def main() -> None:
     if others:
         print("`calibrate_hinge` on joints with 2 and 3 degrees of freedom, which it should not accept.", end=gap)
         print(table(OTHER_HEADINGS, [other_row(joint, starts) for joint in others], markdown=chosen.markdown), end=gap)
+    print("Joint centre from all samples: error against optics, for hinges (1D) without the axis direction.", end=gap)
+    print(table(CENTER_HEADINGS, center_rows(paths, max(1, chosen.rounds)), markdown=chosen.markdown), end=gap)
     walk = folder / "lower_body" / "full_body_walk.npz"
     if walk.exists():
         print(

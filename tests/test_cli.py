@@ -141,11 +141,16 @@ def test_still_sensors_are_exit_code_3(tmp_path: Path) -> None:
 @pytest.mark.parametrize("dof", [2, 3])
 def test_other_joints_are_exit_code_4(tmp_path: Path, dof: Any) -> None:
     s = imufast.simulate_hinge("free", dof=dof, duration_s=40, rate_hz=50)
-    result = run("calibrate", save(tmp_path / "joint.npz", s), "--json", tmp_path / "joint.json")
+    path = save(tmp_path / "joint.npz", s)
+    result = run("calibrate", path, "--joint", "hinge", "--json", tmp_path / "joint.json")
     assert result.exit_code == 4
     assert "The joint is not a hinge" in result.stdout
     assert re.search(r"Not accepted: misfit 0\.\d+ is above 0\.25\.", result.stdout)
     assert json.loads((tmp_path / "joint.json").read_text("utf-8"))["verdict"] == "NOT_A_HINGE"
+    # Without that word they are what they are: joints with a centre.
+    told = run("calibrate", path)
+    assert told.exit_code == 0, told.output
+    assert "verdict: BALL_JOINT, accepted" in told.stdout
 
 
 def test_a_slipped_strap_is_exit_code_5_accepted_anew_or_not(tmp_path: Path) -> None:

@@ -17,7 +17,8 @@ import imufast
 import numpy as np
 import pytest
 from imufast.report import report_json, words, write_json, write_report
-from imufast.report.content import MOST_EVENTS
+from imufast.report.hinge_content import MOST_EVENTS
+from imufast.report.joint_words import Result
 from imufast.report.thin import thin_steps
 
 Pair = tuple[imufast.Imu, imufast.Imu]
@@ -93,7 +94,7 @@ def results(pair: Pair, result: imufast.HingeCalibration) -> dict[str, tuple[imu
     }
 
 
-def written(folder: Path, result: imufast.HingeCalibration, **options: Any) -> str:
+def written(folder: Path, result: Result, **options: Any) -> str:
     write_report(result, folder / "report.html", **options)
     return (folder / "report.html").read_text(encoding="utf-8")
 

@@ -238,7 +238,9 @@ class CenterStream:
         gyr_bias: list[list[float]] | None,
         bias_from_rest: bool,
     ) -> CenterStream: ...
-    def push(self, gyr1: _Array, acc1: _Array, gyr2: _Array, acc2: _Array, time_s: _Array | None) -> None: ...
+    def push(
+        self, gyr1: _Array, acc1: _Array, gyr2: _Array, acc2: _Array, time_s: _Array | None, trusted: bool = False
+    ) -> None: ...
     def fit(
         self,
         method: str,
@@ -247,6 +249,7 @@ class CenterStream:
         gyr_bias_std: float,
         axis: list[list[float]] | None,
         undetermined_std: float,
+        minimum_norm: bool,
         max_iterations: int,
     ) -> CenterFit: ...
     def fit_linear(
@@ -289,6 +292,7 @@ def fit_center(
     gyr_bias_std: float,
     axis: list[list[float]] | None,
     undetermined_std: float,
+    minimum_norm: bool,
     max_iterations: int,
 ) -> CenterFit: ...
 def fit_center_linear(

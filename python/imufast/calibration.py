@@ -33,6 +33,10 @@ SCHEMA_VERSION = 1
 """Raised whenever a name changes its meaning or goes away; new names do not raise it."""
 
 
+LARGEST_STD = 0.05
+"""A ball joint is accepted when its centre is at least as certain as this, m."""
+
+
 def _zeros3() -> Array:
     return np.zeros(3)
 
@@ -229,7 +233,8 @@ def calibrate_joint(
 
     Args:
         imu1, imu2: the sensors on the two segments, same time base. Any mounting.
-        joint: "auto" tells hinges, ball joints and neither apart; "hinge" asks for a hinge; "ball" leaves the axis out.
+        joint: "auto" tells hinges, ball joints and neither apart; "hinge" asks for a hinge and calls nothing else BALL_JOINT;
+            "ball" leaves the axis out.
         hinge_settings: default `HingeSettings()`.
         center_settings: default `CenterSettings()`.
 
@@ -252,7 +257,7 @@ def calibrate_joint(
         imu1, imu2, "sa", axis=axis if hinge is not None and hinge.accepted else None, settings=center_settings
     )
     found = center.status in (CenterStatus.CONVERGED, CenterStatus.PARTLY_DETERMINED)
-    verdict, accepted, why = _judge(hinge, center)
+    verdict, accepted, why = _judge(joint, hinge, center)
     if verdict in (Verdict.BALL_JOINT, Verdict.NOT_A_HINGE):
         axis = None
     noise = replace(sensor_noise(imu1, imu2), link_std=center.residual_std if found else None)
@@ -283,16 +288,18 @@ def _axis(hinge: HingeCalibration) -> JointAxis | None:
     return JointAxis(hinge.axis1, hinge.axis2, hinge.covariance, hinge.bound95_deg)
 
 
-def _judge(hinge: HingeCalibration | None, center: CenterEstimate) -> tuple[Verdict, bool, tuple[str, ...]]:
+def _judge(joint: str, hinge: HingeCalibration | None, center: CenterEstimate) -> tuple[Verdict, bool, tuple[str, ...]]:
     """The verdict on the joint from those on its axis and its centre."""
-    determined = center.status is CenterStatus.CONVERGED
-    if hinge is not None and hinge.verdict is not Verdict.NOT_A_HINGE:
+    determined = center.status is CenterStatus.CONVERGED and float(center.determined_std.max()) < LARGEST_STD
+    if hinge is not None and (joint == "hinge" or hinge.verdict is not Verdict.NOT_A_HINGE):
         return hinge.verdict, hinge.accepted, hinge.why
     if determined:
         return Verdict.BALL_JOINT, True, ()
     reason = f"the motion leaves {len(center.undetermined)} of 6 directions of the joint centre open"
-    if center.status not in (CenterStatus.PARTLY_DETERMINED, CenterStatus.NOT_IDENTIFIABLE):
+    if center.status not in (CenterStatus.CONVERGED, CenterStatus.PARTLY_DETERMINED, CenterStatus.NOT_IDENTIFIABLE):
         reason = f"the search for the joint centre ended with {center.status}"
+    elif center.status is CenterStatus.CONVERGED:
+        reason = f"the joint centre is certain to {1e3 * float(center.determined_std.max()):.0f} mm only"
     elif not len(center.undetermined):
         reason = "no joint centre explains the motion: the sensors may not share a joint"
     if hinge is None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import zlib
 from collections import deque
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
@@ -17,6 +15,7 @@ from imufast.errors import InputError, SettingsError
 from imufast.imu import Imu
 from imufast.pairs import check_pair
 from imufast.settings import HingeSettings, check_count, check_number, settings_from
+from imufast.state import pack, unpack
 
 __all__ = ["HingeCalibration", "HingeCalibrator", "calibrate_hinge"]
 
@@ -216,24 +215,15 @@ class HingeCalibrator:
                 "past": [asdict(past) for past in decider.past],
             },
         }
-        text = json.dumps(plain).encode()
-        body = len(text).to_bytes(8, "little") + text + self._stream.state()
-        return _STATE_VERSION + zlib.crc32(body).to_bytes(4, "little") + body
+        return pack(_STATE_VERSION, plain, self._stream.state())
 
     @classmethod
     def restore(cls, state: bytes) -> HingeCalibrator:
         """The calibrator whose `state` this is. Raises InputError when the bytes are damaged or of another version."""
-        if not isinstance(state, bytes):
-            raise InputError(f"state must be the bytes that HingeCalibrator.state() gave, got {type(state).__name__}")
+        plain, stream = unpack(_STATE_VERSION, state, "HingeCalibrator")
         try:
-            start = len(_STATE_VERSION)
-            checksum, rest = int.from_bytes(state[start : start + 4], "little"), state[start + 4 :]
-            if state[:start] != _STATE_VERSION or checksum != zlib.crc32(rest):
-                raise ValueError("damaged, or of another version")
-            length = int.from_bytes(rest[:8], "little")
-            plain = json.loads(rest[8 : 8 + length])
             self = cls(plain["rate_hz"], settings=HingeSettings(**plain["settings"]), keep_steps=plain["keep_steps"])
-            self._stream = _core.HingeStream.restore(rest[8 + length :])
+            self._stream = _core.HingeStream.restore(stream)
             self._draws = plain["draws"]
             self._estimate = None if plain["estimate"] is None else Estimate(**plain["estimate"])
             self._history.extend(HingeStep.from_plain(step) for step in plain["history"])

@@ -238,6 +238,8 @@ class CenterSettings(Settings):
         gyr_bias_rest_std: what is left of it after rest has shown the bias, rad/s. Default 0.0015.
         undetermined_std: directions in which the centre is less certain than this are `undetermined`, m; so are those that
             are twenty times less certain than the third most certain one. Default 0.08.
+        minimum_norm: along undetermined directions the smallest centre is given; False: wherever the descent ended, as
+            published ("ls" gives the smallest in any case). Default True.
         max_iterations: Newton steps of one descent. Default 200.
 
     Raises:
@@ -255,6 +257,7 @@ class CenterSettings(Settings):
     gyr_bias_std: float = 0.005
     gyr_bias_rest_std: float = 0.0015
     undetermined_std: float = 0.08
+    minimum_norm: bool = True
     max_iterations: int = 200
 
     def __post_init__(self) -> None:
@@ -270,16 +273,19 @@ class CenterSettings(Settings):
         self._number("gyr_bias_std", 0.0, 10.0)
         self._number("gyr_bias_rest_std", 0.0, 10.0)
         self._number("undetermined_std", 0.0, 100.0, low_open=True)
+        self._flag("minimum_norm")
         self._count("max_iterations", 1, 100_000)
 
     @classmethod
     def as_published(cls) -> CenterSettings:
-        """The paper's own choice: raw signals, eq. 8, nothing known beforehand, every sample."""
+        """The paper's own choice: raw signals, eq. 8, nothing known beforehand, every sample, nothing held."""
+        inf = float("inf")
         return cls(
             lowpass_hz=None,
             derivative="three-point",
             acc_bias_std=None,
-            lever_std=float("inf"),
+            lever_std=inf,
             max_samples=1_000_000,
             bias_from_rest=False,
+            minimum_norm=False,
         )

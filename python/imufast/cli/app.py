@@ -1,7 +1,7 @@
 """Commands and options; what they print is in `show` and `result`.
 
-Exit codes: 0 done, 2 wrong input (one line on stderr says which); of `calibrate` also 3 not enough information, 4 not a hinge,
-5 the mounting changed on the way.
+Exit codes: 0 done, 2 wrong input (one line on stderr says which); of `calibrate` also 3 not enough information, 4 not a hinge
+(nor, with `--joint auto`, a ball joint), 5 the mounting changed on the way.
 """
 
 from __future__ import annotations
@@ -12,16 +12,17 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO, TypeVar
 
 import click
 
+from imufast.calibration import JOINTS, JointCalibration, calibrate_joint
 from imufast.cli import result as print_result
-from imufast.cli import show
+from imufast.cli import show, truth
 from imufast.errors import ImufastError, ImufastWarning, InputError
 from imufast.files import check_target
-from imufast.hinge import HingeCalibration, calibrate_hinge
 from imufast.imu import Imu, Recording
 from imufast.io import format_names, read
 from imufast.report import words, write_json, write_report
@@ -146,6 +147,10 @@ def info(files: tuple[Path, ...], **reading: Any) -> None:
 @app.command()
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--sensors", nargs=2, metavar="NAME1 NAME2", help="The two sensors of the joint, where FILES hold more.")
+@click.option(
+    "--joint", type=click.Choice(JOINTS), default="auto", help="What the joint is known to be. Default: auto, to be found out."
+)
+@click.option("--save", "save_path", type=click.Path(path_type=Path), metavar="CAL.json", help="Write the calibration here.")
 @click.option("--report", "report_path", type=click.Path(path_type=Path), metavar="OUT.html", help="Write the report here.")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), metavar="OUT.json", help="Write its numbers here.")
 @click.option("--max-error", "max_error_deg", type=float, metavar="DEG", help="Accept a hinge below this bound. Default: 3.")
@@ -155,12 +160,15 @@ def info(files: tuple[Path, ...], **reading: Any) -> None:
     "lowpass_hz",
     type=float,
     metavar="HZ",
-    help="Low-pass all signals first; 0: raw signals. Default: 4, for people, whose straps wobble.",
+    help="Low-pass before the axis is sought; 0: raw signals. Default: 4, for people, whose straps wobble. The centre has its "
+    "own.",
 )
 @_reading_options
 def calibrate(
     files: tuple[Path, ...],
     sensors: tuple[str, str] | None,
+    joint: str,
+    save_path: Path | None,
     report_path: Path | None,
     json_path: Path | None,
     max_error_deg: float | None,
@@ -168,24 +176,28 @@ def calibrate(
     lowpass_hz: float | None,
     **reading: Any,
 ) -> None:
-    """Is the joint a hinge, and what is its axis in the frames of its two sensors? FILE1 FILE2, or one file with both.
+    """Is the joint a hinge or a ball joint, and where are axis and centre? FILE1 FILE2, or one file with both sensors.
 
-    Exit codes: 0 accepted, 2 wrong input, 3 not enough information, 4 not a hinge, 5 the mounting changed on the way.
+    Exit codes: 0 accepted, 2 wrong input, 3 not enough information, 4 not a hinge (with --joint auto: nor a ball joint), 5 the
+    mounting changed on the way.
     """
     given = {"max_error_deg": max_error_deg, "n_consistent": n_consistent, "lowpass_hz": lowpass_hz}
     chosen = {name: value for name, value in given.items() if value is not None}
     with _guard() as warned:
         settings = settings_from(HingeSettings, None, chosen)
-        _check_outputs(files, report_path, json_path)
+        if joint == "ball" and chosen:
+            raise InputError(f"{', '.join(chosen)}: set how a hinge's axis is found, which --joint ball leaves out")
+        outputs = Outputs(report_path, json_path, save_path)
+        _check_outputs(files, outputs)
         imu1, imu2 = _choose(_read(files, **reading), sensors)
         late = show.offset_warning(_offset(imu1, imu2), imu1.name, imu2.name)
         if late:
             warned.append(late)
             show.warning(late)
         with show.waiting(f"Calibrating on {words.duration(imu1.duration_s)} of motion", files):
-            result = calibrate_hinge(imu1, imu2, settings=settings)
+            result = calibrate_joint(imu1, imu2, joint, hinge_settings=settings)
         print_result.calibration(result, imu1, imu2)
-        _write(result, (imu1, imu2), report_path, json_path, None, warned)
+        _write(result, (imu1, imu2), outputs, None, warned)
     raise SystemExit(print_result.exit_code(result))
 
 
@@ -200,9 +212,9 @@ def calibrate(
 def demo(report_path: Path | None) -> None:
     """From raw data to a calibration on a simulated recording, beside its truth, and its report."""
     with _guard() as warned:
-        path, without = report_path or Path(DEMO_REPORT), None
+        outputs, without = Outputs(report_path or Path(DEMO_REPORT)), None
         try:
-            _check_outputs((), path, None)
+            _check_outputs((), outputs)
         except InputError:
             raise
         except ImufastError as missing:
@@ -213,50 +225,55 @@ def demo(report_path: Path | None) -> None:
         # What the gyroscopes and accelerometers of a good sensor show: half a degree a second, a fiftieth of gravity.
         biases = random_biases(seed=1, gyr_rad_s=math.radians(0.5), acc_m_s2=0.2)
         simulation = simulate_hinge(duration_s=60.0, rate_hz=100.0, seed=1, **biases)
-        print_result.demo_intro(simulation)
+        truth.demo_intro(simulation)
         show.recording(simulation.recording)
         show.offset(_offset(simulation.imu1, simulation.imu2), *simulation.recording)
         show.say()
         started = time.perf_counter()
-        result = calibrate_hinge(simulation.imu1, simulation.imu2)
+        result = calibrate_joint(simulation.imu1, simulation.imu2)
         took_s = time.perf_counter() - started
         print_result.calibration(result, simulation.imu1, simulation.imu2)
-        print_result.beside_truth(result, simulation, took_s)
+        truth.beside_truth(result, simulation, took_s)
         if without:
             show.say(f"No report: {without}")
         else:
-            _write(result, simulation.recording.pair(), path, None, "Demo: a simulated hinge", warned)
+            _write(result, simulation.recording.pair(), outputs, "Demo: a simulated hinge", warned)
 
 
-def _check_outputs(files: Sequence[Path], report_path: Path | None, json_path: Path | None) -> None:
+@dataclass(frozen=True)
+class Outputs:
+    """What is to be written, and where."""
+
+    report: Path | None
+    json: Path | None = None
+    save: Path | None = None
+
+
+def _check_outputs(files: Sequence[Path], outputs: Outputs) -> None:
     """Refuse outputs that could not be written in the end, before the work begins."""
     taken = {file.resolve(): f"the recording {str(file)!r}" for file in files}
-    for name, path in (("--report", report_path), ("--json", json_path)):
+    for name, path in (("--report", outputs.report), ("--json", outputs.json), ("--save", outputs.save)):
         if path is None:
             continue
         target = check_target(path, name)
         if target in taken:
             raise InputError(f"{name} {str(path)!r} would replace {taken[target]}; give another file")
         taken[target] = f"what {name} writes"
-    if report_path is not None:
+    if outputs.report is not None:
         check_extra()
 
 
-def _write(
-    result: HingeCalibration,
-    pair: tuple[Imu, Imu],
-    report_path: Path | None,
-    json_path: Path | None,
-    title: str | None,
-    warned: Sequence[str],
-) -> None:
-    if json_path is not None:
-        write_json(result, json_path, recording=pair, title=title, warnings=warned)
-        show.say(f"numbers: {json_path}")
-    if report_path is not None:
+def _write(result: JointCalibration, pair: tuple[Imu, Imu], outputs: Outputs, title: str | None, warned: Sequence[str]) -> None:
+    if outputs.save is not None:
+        result.save(outputs.save)
+        show.say(f"calibration: {outputs.save}")
+    if outputs.json is not None:
+        write_json(result, outputs.json, recording=pair, title=title, warnings=warned)
+        show.say(f"numbers: {outputs.json}")
+    if outputs.report is not None:
         with show.working("Drawing the report"):
-            write_report(result, report_path, recording=pair, title=title, warnings=warned)
-        show.say(f"report: {report_path}")
+            write_report(result, outputs.report, recording=pair, title=title, warnings=warned)
+        show.say(f"report: {outputs.report}")
 
 
 def _choose(recording: Recording, names: tuple[str, str] | None) -> tuple[Imu, Imu]:

@@ -1,4 +1,4 @@
-"""The report of a calibration: one self-contained HTML file for people, and a JSON twin for programs.
+"""The report of a calibration or of a joint centre: one self-contained HTML file for people, and a JSON twin for programs.
 
 The page needs the extra `report` (matplotlib, jinja2); the JSON twin needs numpy alone.
 """
@@ -14,13 +14,13 @@ from imufast.files import write_text
 from imufast.report.content import Pair, report_json
 
 if TYPE_CHECKING:
-    from imufast.hinge import HingeCalibration
+    from imufast.report.joint_words import Result
 
 __all__ = ["report_json", "write_json", "write_report"]
 
 
 def write_report(
-    result: HingeCalibration,
+    result: Result,
     path: str | os.PathLike[str],
     *,
     recording: Pair | None = None,
@@ -29,11 +29,13 @@ def write_report(
 ) -> None:
     """Write what a calibration found as one HTML file that needs nothing else: no network, no scripts.
 
-    The verdict in words, axes with bounds, what acceptance rests on or what stands in its way, figures over the recording's
-    time, settings, and what the numbers do not cover. The file is written whole or not at all.
+    The verdict in words, axes with bounds, the joint centre to scale with its uncertainty and what the motion left open of it,
+    what acceptance rests on or what stands in its way, figures over the recording's time, settings, and what the numbers do
+    not cover. What the result does not hold is left out. The file is written whole or not at all.
 
     Args:
-        result: what `calibrate_hinge` or `HingeCalibrator` gave.
+        result: what `calibrate_joint`, `calibrate_hinge`, `HingeCalibrator` or `estimate_joint_center` gave, or a
+            `JointCalibration` that was loaded or made by hand.
         path: the file to write; an existing one is replaced.
         recording: the two sensors it was made from, a pair of Imus or a Recording of two: adds their names and how the joint
             turned.
@@ -50,7 +52,7 @@ def write_report(
 
 
 def write_json(
-    result: HingeCalibration,
+    result: Result,
     path: str | os.PathLike[str],
     *,
     recording: Pair | None = None,

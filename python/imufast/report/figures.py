@@ -20,17 +20,19 @@ from imufast.decide import Verdict
 from imufast.report.svg import inline_svg
 from imufast.report.words import verdict_name
 
-__all__ = ["timeline"]
+__all__ = ["FONT", "WIDTH_IN", "Clock", "clock_of", "timeline"]
 
 Array = NDArray[np.float64]
 
 BLUE, VERMILLION, GREEN, SKY, PURPLE, GREY, DARK = "#0072B2", "#D55E00", "#009E73", "#56B4E9", "#CC79A7", "#DDDDDD", "#333333"
+YELLOW = "#F0E442"
 VERDICTS: dict[Verdict, tuple[str, str]] = {
     Verdict.NOT_ENOUGH_INFORMATION: (GREY, ""),
     Verdict.HINGE: (GREEN, ""),
     Verdict.APPROXIMATE_HINGE: (SKY, "//"),
     Verdict.NOT_A_HINGE: (VERMILLION, "xx"),
     Verdict.MOUNTING_CHANGED: (PURPLE, ".."),
+    Verdict.BALL_JOINT: (YELLOW, "oo"),
 }
 WIDTH_IN = 9.6
 FONT = 9.0
@@ -40,7 +42,7 @@ TICKS = 500
 """Places that the marks of selected samples may take."""
 
 
-class _Clock:
+class Clock:
     """Time on the axis: from the start on, in a unit that suits the length."""
 
     def __init__(self, start_s: float, stop_s: float) -> None:
@@ -57,15 +59,21 @@ class _Clock:
         self.start_s, self.stop = start_s, span / self.seconds
 
     def __call__(self, time_s: object) -> Array:
+        """Time since the start in `name`s."""
         values: Array = (np.array(time_s, dtype=np.float64) - self.start_s) / self.seconds
         return values
 
 
-def timeline(report: dict[str, Any]) -> str:
-    """Everything over the time of the recording, one panel below the other."""
+def clock_of(report: dict[str, Any]) -> Clock:
+    """The clock of all figures of a report."""
     start = float(report["start_s"])
     stop = report["stop_s"] if report["stop_s"] is not None else start + 1.0
-    clock = _Clock(start, max(float(stop), start + 1e-9))
+    return Clock(start, max(float(stop), start + 1e-9))
+
+
+def timeline(report: dict[str, Any]) -> str:
+    """Everything over the time of the recording, one panel below the other."""
+    clock = clock_of(report)
     heights = [0.28, 1.25, 0.62, 0.62, 1.9, 1.35]
     figure = Figure(figsize=(WIDTH_IN, 9.6), facecolor="none")
     panels: list[Axes] = list(
@@ -87,7 +95,7 @@ def timeline(report: dict[str, Any]) -> str:
         "A  Verdict",
         "B  Excitation: rate of the joint about the axis"
         if not report["excitation"] or report["excitation"]["about_axis"]
-        else "B  Excitation: angular rate of the faster sensor (no axis yet)",
+        else "B  Excitation: angular rate of the faster sensor",
         "C  Time that the joint has moved",
         "D  Selected samples",
         "E  Uncertainty",
@@ -120,7 +128,7 @@ def timeline(report: dict[str, Any]) -> str:
     )
 
 
-def _verdicts(figure: Figure, panel: Axes, history: dict[str, Any], time: Array, clock: _Clock) -> None:
+def _verdicts(figure: Figure, panel: Axes, history: dict[str, Any], time: Array, clock: Clock) -> None:
     """A band of the verdicts; accepted stretches are underlined."""
     names, accepted = history["verdict"], history["accepted"]
     panel.set_yticks([])
@@ -156,7 +164,7 @@ def _verdicts(figure: Figure, panel: Axes, history: dict[str, Any], time: Array,
         _nothing(panel, "no estimate was made")
 
 
-def _excitation(panel: Axes, report: dict[str, Any], clock: _Clock) -> None:
+def _excitation(panel: Axes, report: dict[str, Any], clock: Clock) -> None:
     curve = report["excitation"]
     panel.set_ylabel("°/s", fontsize=FONT, color=DARK)
     if curve is None:
@@ -170,7 +178,7 @@ def _excitation(panel: Axes, report: dict[str, Any], clock: _Clock) -> None:
     _legend(panel)
 
 
-def _moving(panel: Axes, history: dict[str, Any], time: Array, clock: _Clock) -> None:
+def _moving(panel: Axes, history: dict[str, Any], time: Array, clock: Clock) -> None:
     panel.set_ylabel(clock.name, fontsize=FONT, color=DARK)
     moving = np.array(history["moving_s"], dtype=np.float64) / clock.seconds
     if not len(moving):
@@ -182,19 +190,19 @@ def _moving(panel: Axes, history: dict[str, Any], time: Array, clock: _Clock) ->
     panel.yaxis.set_major_locator(MaxNLocator(3))
 
 
-def _selected(panel: Axes, report: dict[str, Any], clock: _Clock) -> None:
+def _selected(panel: Axes, report: dict[str, Any], clock: Clock) -> None:
     panel.set_ylim(-0.55, 1.55)
     panel.set_yticks([1, 0], ["gyr", "acc"])
     panel.tick_params(axis="y", length=0)
     if not report["gyr_samples"]["count"] and not report["acc_samples"]["count"]:
-        _nothing(panel, "a stream does not keep the times of its samples")
+        _nothing(panel, "the times of the samples were not kept")
         return
     for row, (kind, color) in enumerate((("acc_samples", VERMILLION), ("gyr_samples", BLUE))):
         places = np.unique(np.round(clock(report[kind]["time_s"]) / clock.stop * TICKS)) / TICKS * clock.stop
         panel.vlines(places, row - 0.38, row + 0.38, color=color, linewidth=0.9)
 
 
-def _uncertainty(panel: Axes, report: dict[str, Any], time: Array, clock: _Clock) -> None:
+def _uncertainty(panel: Axes, report: dict[str, Any], time: Array, clock: Clock) -> None:
     history = report["history"]
     panel.set_yscale("log")
     panel.set_ylabel("degrees", fontsize=FONT, color=DARK)
@@ -216,19 +224,21 @@ def _uncertainty(panel: Axes, report: dict[str, Any], time: Array, clock: _Clock
         label = "change (SEQAD)"
         panel.plot(time[new], np.maximum(change[new], LEAST_DEG), ".", color=DARK, markersize=2.6, label=label, zorder=2)
     limit = report["bound_limit_deg"]
-    panel.axhline(limit, color=DARK, linewidth=1.1, linestyle="--", zorder=1)
-    panel.text(
-        0.997,
-        limit,
-        f"limit {limit:g}°",
-        fontsize=FONT - 0.5,
-        color=DARK,
-        ha="right",
-        va="bottom",
-        transform=panel.get_yaxis_transform(),
-        bbox={"facecolor": "white", "alpha": 0.75, "linewidth": 0.0, "pad": 0.6},
-    )
-    panel.set_ylim(LEAST_DEG, 1.6 * max(top, limit))
+    if limit is not None:
+        top = max(top, limit)
+        panel.axhline(limit, color=DARK, linewidth=1.1, linestyle="--", zorder=1)
+        panel.text(
+            0.997,
+            limit,
+            f"limit {limit:g}°",
+            fontsize=FONT - 0.5,
+            color=DARK,
+            ha="right",
+            va="bottom",
+            transform=panel.get_yaxis_transform(),
+            bbox={"facecolor": "white", "alpha": 0.75, "linewidth": 0.0, "pad": 0.6},
+        )
+    panel.set_ylim(LEAST_DEG, 1.6 * top)
     panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     at = report["accepted_at_s"]
     if at is not None:
@@ -236,7 +246,7 @@ def _uncertainty(panel: Axes, report: dict[str, Any], time: Array, clock: _Clock
         left = x > 0.6 * clock.stop
         panel.annotate(
             "accepted" if not left else "accepted ",
-            (x, 1.6 * max(top, limit)),
+            (x, 1.6 * top),
             xytext=(-3 if left else 3, -3),
             textcoords="offset points",
             fontsize=FONT,
@@ -249,16 +259,29 @@ def _uncertainty(panel: Axes, report: dict[str, Any], time: Array, clock: _Clock
     _legend(panel)
 
 
-def _misfit(panel: Axes, report: dict[str, Any], time: Array, clock: _Clock) -> None:
+def _misfit(panel: Axes, report: dict[str, Any], time: Array, clock: Clock) -> None:
     settings = report["settings"]
-    low, high = settings["hinge_misfit"], settings["approximate_misfit"]
+    limits = [settings["hinge_misfit"], settings["approximate_misfit"]] if settings else []
     values = np.array(report["history"]["misfit"], dtype=np.float64)
     finite = values[np.isfinite(values)]
     seen = finite[finite > 0.0]
-    bottom = max(1e-3, min([0.005, *(0.6 * limit for limit in (low,) if limit), *(0.7 * seen)]))
-    top = max([1.0, 2.0 * high, *(1.3 * finite)])
+    bottom = max(1e-3, min([0.005, *(0.6 * limit for limit in limits[:1] if limit), *(0.7 * seen)]))
+    top = max([1.0, *(2.0 * limit for limit in limits), *(1.3 * finite)])
     panel.set_yscale("log")
     panel.set_ylim(bottom, top)
+    if limits:
+        _misfit_limits(panel, limits[0], limits[1], bottom, top)
+    else:
+        panel.minorticks_off()
+    panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    if len(finite):
+        panel.plot(time, np.maximum(values, bottom), color=DARK, linewidth=1.6)
+    else:
+        _nothing(panel, "the joint has not moved enough for a misfit")
+
+
+def _misfit_limits(panel: Axes, low: float, high: float, bottom: float, top: float) -> None:
+    """Bands of what each misfit means."""
     for start, stop, verdict in (
         (bottom, low, Verdict.HINGE),
         (low, high, Verdict.APPROXIMATE_HINGE),
@@ -266,10 +289,9 @@ def _misfit(panel: Axes, report: dict[str, Any], time: Array, clock: _Clock) -> 
     ):
         if stop > start:
             panel.axhspan(start, stop, facecolor=VERDICTS[verdict][0], alpha=0.16, linewidth=0.0, zorder=0)
-            middle = math.sqrt(start * stop)
             panel.text(
                 0.995,
-                middle,
+                math.sqrt(start * stop),
                 verdict_name(verdict),
                 fontsize=FONT - 0.5,
                 color=DARK,
@@ -281,11 +303,6 @@ def _misfit(panel: Axes, report: dict[str, Any], time: Array, clock: _Clock) -> 
         panel.axhline(limit, color=DARK, linewidth=1.0, linestyle="--", zorder=1)
     panel.set_yticks([low, high, 0.01, 1.0] if low > 0.015 else [low, high, 1.0])
     panel.minorticks_off()
-    panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    if len(finite):
-        panel.plot(time, np.maximum(values, bottom), color=DARK, linewidth=1.6)
-    else:
-        _nothing(panel, "the joint has not moved enough for a misfit")
 
 
 def _runs(states: list[Any]) -> list[tuple[int, int]]:

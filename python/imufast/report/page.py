@@ -11,7 +11,7 @@ from imufast.report.words import UNKNOWN_DEG, duration
 
 __all__ = ["check_extra", "html"]
 
-LIMITLESS = ("rate_scale", "offset_prior")
+LIMITLESS = ("rate_scale", "offset_prior", "lever_std", "undetermined_std")
 """Settings that may be infinite, which plain JSON holds as null."""
 
 
@@ -36,11 +36,18 @@ def html(report: dict[str, Any]) -> str:
     import jinja2
 
     from imufast.report.axes_figure import axis_picture
+    from imufast.report.center_figure import center_picture, residual_picture
     from imufast.report.figures import timeline
 
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(lambda name: files("imufast.report").joinpath(name).read_text(encoding="utf-8")),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     environment.filters |= {"number": _number, "duration": duration, "setting": _setting}
-    template = environment.from_string(files("imufast.report").joinpath("page.html.j2").read_text(encoding="utf-8"))
+    template = environment.get_template("page.html.j2")
     sensors = [
         {
             "number": i,
@@ -50,15 +57,38 @@ def html(report: dict[str, Any]) -> str:
             "bias_deg_s": _degrees(report[f"gyr_bias{i}_rad_s"]),
             # The one kind of text that goes into the page as it is: drawn here, from numbers alone.
             "picture": axis_picture(report, i) or "",
+            "center_picture": center_picture(report, i) or "",
+            "acc_bias": report[f"acc_bias{i}_m_s2"],
+            "acc_bias_std": report[f"acc_bias{i}_std_m_s2"],
+            **_center_mm(report["center"], i),
         }
         for i in (1, 2)
     ]
     return template.render(
-        report=report, sensors=sensors, timeline=timeline(report), tone=_tone(report), unknown_deg=UNKNOWN_DEG
+        report=report,
+        sensors=sensors,
+        timeline=timeline(report) if report["history"]["steps"] else "",
+        residual_picture=residual_picture(report) or "",
+        tone=_tone(report),
+        unknown_deg=UNKNOWN_DEG,
     )
 
 
+def _center_mm(center: dict[str, Any] | None, sensor: int) -> dict[str, Any]:
+    """What the page says of the joint centre in numbers, mm; None where it is not known."""
+    if center is None or center["in_sensor1_m"] is None:
+        return {"center": None, "distance": None, "center_std": None}
+    std = center["determined_std_m"]
+    return {
+        "center": [1e3 * value for value in center[f"in_sensor{sensor}_m"]],
+        "distance": 1e3 * center["distance_m"][sensor - 1],
+        "center_std": None if std is None or std[sensor - 1] is None else 1e3 * std[sensor - 1],
+    }
+
+
 def _tone(report: dict[str, Any]) -> str:
+    if report["accepted"] is None:
+        return "good" if report["center"]["status"] == "CONVERGED" else "open"
     if report["accepted"]:
         return "good"
     return "bad" if report["verdict"] in ("NOT_A_HINGE", "MOUNTING_CHANGED") else "open"
@@ -73,6 +103,8 @@ def _number(value: float | None, form: str = ".3g") -> str:
     if value is None:
         return "–"
     text = format(value, form)
+    if "e+" in text and abs(value) < 1e6:
+        text = format(value, "+.0f" if form.startswith("+") else ".0f")
     if not any(digit in "123456789" for digit in text):
         text = format(0.0, form).replace("+", "")
     return text.replace("-", "−")

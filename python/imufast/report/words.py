@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from imufast.calibration import JointCalibration
 from imufast.decide import Verdict
 from imufast.hinge import HingeCalibration
 from imufast.settings import HingeSettings
@@ -30,6 +31,7 @@ _NAMES = {
     Verdict.NOT_A_HINGE: "not a hinge",
     Verdict.NOT_ENOUGH_INFORMATION: "not enough information",
     Verdict.MOUNTING_CHANGED: "mounting changed",
+    Verdict.BALL_JOINT: "ball joint",
 }
 
 _HEADLINES = {
@@ -40,6 +42,8 @@ _HEADLINES = {
     (Verdict.NOT_A_HINGE, False): "The joint is not a hinge: there is no one axis to be found",
     (Verdict.NOT_ENOUGH_INFORMATION, False): "Not enough motion to tell",
     (Verdict.MOUNTING_CHANGED, False): "A sensor has moved on its segment, and the new mounting is not calibrated yet",
+    (Verdict.BALL_JOINT, True): "The joint is no hinge but turns about one point: a ball joint, and its centre is known",
+    (Verdict.BALL_JOINT, False): "The joint turns about one point, but its centre is not known well enough",
 }
 
 _ADVICE = {
@@ -52,12 +56,18 @@ _ADVICE = {
     "from a perfect hinge; the bound includes this.",
     (Verdict.APPROXIMATE_HINGE, False): "Do not use the axes yet. Record more motion: bend the joint, and turn the whole limb "
     "too; check that the straps are firm.",
-    (Verdict.NOT_A_HINGE, False): "Do not use these axes. Either the joint has more than one degree of freedom, or a strap is "
+    (
+        Verdict.NOT_A_HINGE,
+        False,
+    ): "Do not use an axis from this motion. Either the joint has more than one degree of freedom, or a strap is "
     "loose, or the sensors are not those of one joint, or they are not synchronous.",
     (Verdict.NOT_ENOUGH_INFORMATION, False): "This is no statement about the joint. Record more motion: bend the joint, and "
     "turn the whole limb too.",
     (Verdict.MOUNTING_CHANGED, False): "Do not use axes from before the change for data after it. Check the straps and record "
     "more motion.",
+    (Verdict.BALL_JOINT, True): "The centre below can be used, within its standard deviations. There is no hinge axis. Joints "
+    "with two axes that meet in one point are called ball joints, too.",
+    (Verdict.BALL_JOINT, False): "Do not use the centre yet. Record more motion: turn the joint about several axes.",
 }
 
 # A run that was accepted may fail a step or two before the acceptance is revoked.
@@ -86,12 +96,12 @@ def verdict_name(verdict: Verdict) -> str:
     return _NAMES[verdict]
 
 
-def headline(result: HingeCalibration) -> str:
+def headline(result: HingeCalibration | JointCalibration) -> str:
     """The verdict as one sentence without a full stop."""
     return _HEADLINES.get((result.verdict, result.accepted), _DOUBT[0])
 
 
-def advice(result: HingeCalibration) -> str:
+def advice(result: HingeCalibration | JointCalibration) -> str:
     """What to do with the result."""
     return _ADVICE.get((result.verdict, result.accepted), _DOUBT[1])
 

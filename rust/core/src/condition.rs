@@ -38,8 +38,13 @@ impl Conditioner {
 
     /// Takes the sample at `time_s` (later than all before) and appends what is ready, each with the time it belongs to.
     pub fn push(&mut self, time_s: f64, sample: &PairSample, out: &mut Vec<(f64, PairSample)>) {
-        let previous = self.last.replace((time_s, *sample));
-        match previous {
+        self.pass(time_s, sample, &mut |time, ready| out.push((time, *ready)));
+    }
+
+    /// The same, handing what is ready to `out`.
+    #[inline]
+    pub fn pass(&mut self, time_s: f64, sample: &PairSample, out: &mut impl FnMut(f64, &PairSample)) {
+        match self.last {
             Some((before_s, before)) if time_s - before_s <= BREAK_STEPS * self.step_s => {
                 // No more points than steps fit: ends also where a step is below the resolution of time.
                 for _ in 0..=BREAK_STEPS as usize {
@@ -63,6 +68,7 @@ impl Conditioner {
                 self.emit(time_s, sample, out);
             }
         }
+        self.last = Some((time_s, *sample));
     }
 
     /// Whether this, read back, can go on where `fresh` would begin.
@@ -70,10 +76,13 @@ impl Conditioner {
         self.step_s == fresh.step_s && self.lowpass.fits(&fresh.lowpass)
     }
 
-    fn emit(&mut self, time_s: f64, sample: &PairSample, out: &mut Vec<(f64, PairSample)>) {
+    #[inline]
+    fn emit(&mut self, time_s: f64, sample: &PairSample, out: &mut impl FnMut(f64, &PairSample)) {
         self.made += 1;
-        if let Some(smooth) = self.lowpass.push(sample) {
-            out.push((time_s - self.delay_s(), smooth));
+        if self.lowpass.is_identity() {
+            out(time_s, sample);
+        } else if let Some(smooth) = self.lowpass.push(sample) {
+            out(time_s - self.delay_s(), &smooth);
         }
     }
 }

@@ -37,6 +37,11 @@ impl Lowpass {
         self.half_kernel.len() - 1
     }
 
+    /// Whether every sample comes out as it came.
+    pub fn is_identity(&self) -> bool {
+        self.window.len() == 1 && self.every == 1
+    }
+
     /// Forgets what it holds: what comes next is not joined to what came before.
     pub fn reset(&mut self) {
         (self.next, self.filled, self.wait) = (0, 0, 0);
@@ -45,9 +50,6 @@ impl Lowpass {
     /// Takes one sample and gives the filtered sample of [`Self::delay_samples`] ago, once the window is full.
     pub fn push(&mut self, sample: &PairSample) -> Option<PairSample> {
         let length = self.window.len();
-        if length == 1 && self.every == 1 {
-            return Some(*sample); // the identity
-        }
         self.window[self.next] = *sample;
         self.next = if self.next + 1 == length { 0 } else { self.next + 1 };
         self.filled = (self.filled + 1).min(length);

@@ -98,11 +98,12 @@ pub fn fit_center(
     gyr_bias_std: f64,
     axis: Option<[Xyz; 2]>,
     undetermined_std: f64,
+    minimum_norm: bool,
     max_iterations: usize,
 ) -> PyResult<CenterFit> {
     let moments = read_moments(&moments, &time_s)?;
     let knowledge = Knowledge { bias_std, lever_std, correlated, gyr_bias_std };
-    let request = request(method, knowledge, axis, undetermined_std, max_iterations)?;
+    let request = request(method, knowledge, axis, undetermined_std, minimum_norm, max_iterations)?;
     solve(py, &moments, &request)
 }
 
@@ -167,6 +168,7 @@ fn request(
     knowledge: Knowledge,
     axis: Option<[Xyz; 2]>,
     undetermined_std: f64,
+    minimum_norm: bool,
     max_iterations: usize,
 ) -> PyResult<Request> {
     let method = match method {
@@ -176,7 +178,7 @@ fn request(
         other => return Err(PyValueError::new_err(format!("method must be ss, huber or sa, got {other:?}"))),
     };
     let axis = axis.map(|pair| pair.map(Into::into));
-    Ok(Request { method, knowledge, axis, undetermined_std, max_iterations })
+    Ok(Request { method, knowledge, axis, undetermined_std, minimum_norm, max_iterations })
 }
 
 const NAMES: [&str; 6] = ["gyr1", "gyr_dot1", "acc1", "gyr2", "gyr_dot2", "acc2"];
@@ -217,7 +219,6 @@ pub struct CenterStream {
 #[pymethods]
 impl CenterStream {
     #[new]
-    #[expect(clippy::too_many_arguments, reason = "one call from one place in Python")]
     fn new(
         rate_hz: f64,
         lowpass_hz: f64,
@@ -238,8 +239,9 @@ impl CenterStream {
         Ok(Self { state: Mutex::new(State { core: Arc::new(Core::new(settings)), clock: Clock::new(rate_hz) }) })
     }
 
-    /// Takes samples (N, 3) or one (3,); nothing is taken from bad arrays.
-    #[pyo3(signature = (gyr1, acc1, gyr2, acc2, time_s))]
+    /// Takes samples (N, 3) or one (3,); nothing is taken from bad arrays. `trusted`: values and times are known to be sound.
+    #[pyo3(signature = (gyr1, acc1, gyr2, acc2, time_s, trusted = false))]
+    #[expect(clippy::too_many_arguments, reason = "one call from one place in Python, all by position")]
     fn push(
         &self,
         py: Python<'_>,
@@ -248,10 +250,13 @@ impl CenterStream {
         gyr2: PyReadonlyArrayDyn<'_, f64>,
         acc2: PyReadonlyArrayDyn<'_, f64>,
         time_s: Option<PyReadonlyArrayDyn<'_, f64>>,
+        trusted: bool,
     ) -> PyResult<()> {
         let block = Block::new([&gyr1, &acc1, &gyr2, &acc2], time_s.as_ref())?;
         let mut state = self.lock();
-        block.check(&state.clock)?;
+        if !trusted {
+            block.check(&state.clock)?;
+        }
         state.clock.timed = Some(block.timed());
         if block.len() < 64 {
             state.take(block.samples(0));
@@ -276,11 +281,12 @@ impl CenterStream {
         gyr_bias_std: f64,
         axis: Option<[Xyz; 2]>,
         undetermined_std: f64,
+        minimum_norm: bool,
         max_iterations: usize,
     ) -> PyResult<CenterFit> {
         let core = self.core();
         let knowledge = Knowledge { bias_std, lever_std, correlated: core.settings().correlated(), gyr_bias_std };
-        solve(py, core.moments(), &request(method, knowledge, axis, undetermined_std, max_iterations)?)
+        solve(py, core.moments(), &request(method, knowledge, axis, undetermined_std, minimum_norm, max_iterations)?)
     }
 
     /// Estimates the centre by LS with one orientation for each of `times`.

@@ -5,8 +5,10 @@ use nalgebra::{SVector, Vector3};
 
 use super::{
     Matrix12, Unknowns,
+    loss::Loss,
     moments::Moments,
-    observability::{Evidence, beyond, evidence, open_levers},
+    observability::{Evidence, LEAST_RESIDUAL, beyond, evidence, open_levers},
+    residual::sums,
     solve::{Knowledge, Method, Problem, Solution, Status},
 };
 
@@ -21,6 +23,8 @@ pub struct Request {
     pub axis: Option<[Vector3<f64>; 2]>,
     /// Directions in which the centre would be less certain than this are called undetermined, m.
     pub undetermined_std: f64,
+    /// Whether the smallest centre is sought along these; else what the descent ended with stands.
+    pub minimum_norm: bool,
     /// Most Newton steps of one descent.
     pub max_iterations: usize,
 }
@@ -44,17 +48,23 @@ const BIAS_TOLD: f64 = 0.5;
 /// Estimates the unknowns from `moments`; `go_on` is asked before each step.
 pub fn estimate(moments: &Moments, request: &Request, go_on: &mut dyn FnMut() -> bool) -> Estimate {
     let mut held: Vec<_> = request.axis.map(slide).into_iter().collect();
+    let asked = held.len();
     let mut problem =
         Problem { moments, knowledge: request.knowledge, free: free_of(&held), max_iterations: request.max_iterations };
     let mut solution = search(&problem, request.method, go_on);
     let mut found = evidence(moments, &solution.x, solution.loss, &request.knowledge);
     let open = still_open(&found.covariance, &held, request.undetermined_std);
-    if !open.is_empty() && !matches!(solution.status, Status::Interrupted | Status::NumericalError) {
-        held.extend(open);
+    held.extend(open);
+    let ended = matches!(solution.status, Status::Interrupted | Status::NumericalError);
+    if held.len() > asked && request.minimum_norm && !ended {
         problem.free = free_of(&held);
-        let start = problem.free * solution.x;
-        solution = problem.minimise(request.method, start, go_on);
-        found = evidence(moments, &solution.x, solution.loss, &request.knowledge);
+        let smallest = problem.minimise(request.method, problem.free * solution.x, go_on);
+        // Much worse means that the way led out of the valley.
+        let noise = moments.len() as f64 * smallest.loss.of_size(7.0 * LEAST_RESIDUAL);
+        if held.len() == 6 || smallest.cost <= 2.0 * solution.cost + noise {
+            solution = smallest;
+            found = evidence(moments, &solution.x, solution.loss, &request.knowledge);
+        }
     }
     let open_bias = open_biases(&found, &request.knowledge);
     Estimate { solution, evidence: found, open: held, open_bias }
@@ -89,7 +99,7 @@ pub(super) fn open_biases(evidence: &Evidence, knowledge: &Knowledge) -> Vec<SVe
 }
 
 /// The way to the valley is searched on about so many samples.
-const COARSE_SAMPLES: usize = 512;
+const COARSE_SAMPLES: usize = 384;
 
 /// The best minimum from starts that need no luck: the lever arms without biases from zero, then everything from there and
 /// from its mirror images, since the norms hardly tell a lever arm from its opposite where a joint moves little.
@@ -112,9 +122,28 @@ fn search(problem: &Problem<'_>, method: Method, go_on: &mut dyn FnMut() -> bool
         if best.is_none_or(|b| found.merit < b.merit) {
             best = Some(found);
         }
+        // A lever arm that explains nearly all has no rival.
+        let explained = sums(&few, &found.x, Loss::Square, false).cost;
+        if explained < EXPLAINED * sums(&few, &Unknowns::zeros(), Loss::Square, false).cost {
+            break;
+        }
     }
-    problem.minimise(method, best.map_or_else(Unknowns::zeros, |b| b.x), go_on)
+    let start = best.map_or_else(Unknowns::zeros, |b| b.x);
+    if problem.moments.len() < COARSE_SAMPLES * MIDDLE_SHARE * 2 {
+        return problem.minimise(method, start, go_on);
+    }
+    // Once more half way, on an eighth: spares passes over all.
+    let middle = problem.moments.thinned(problem.moments.len() / MIDDLE_SHARE);
+    let correlated = (problem.knowledge.correlated / MIDDLE_SHARE as f64).max(1.0);
+    let halfway = Problem { moments: &middle, knowledge: Knowledge { correlated, ..problem.knowledge }, ..*problem };
+    let found = halfway.minimise(method, start, go_on);
+    if found.status == Status::Interrupted { found } else { problem.minimise(method, found.x, go_on) }
 }
+
+/// Share of the squares at zero lever arms that is next to nothing.
+const EXPLAINED: f64 = 0.1;
+/// See [`search`].
+const MIDDLE_SHARE: usize = 8;
 
 fn held_projector(held: &[SVector<f64, 6>]) -> nalgebra::SMatrix<f64, 6, 6> {
     held.iter().fold(nalgebra::SMatrix::identity(), |p, v| p - v * v.transpose())

@@ -26,6 +26,11 @@ impl Loss {
         if let Self::Absolute(..) = self { 1.0 } else { 2.0 }
     }
 
+    /// What a residual of this size adds to the cost that a [`Solution`](super::solve::Solution) states.
+    pub(crate) fn of_size(self, e: f64) -> f64 {
+        if self.power() == 1.0 { e } else { e * e }
+    }
+
     /// Cost, slope and curvature (never negative) of many residuals.
     #[inline(always)]
     pub(crate) fn apply(self, e: &Chunk, rho: &mut Chunk, psi: &mut Chunk, curvature: &mut Chunk) {

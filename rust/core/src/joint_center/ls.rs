@@ -111,10 +111,16 @@ impl Sums {
         }
         let prior = Matrix12::from_diagonal(&knowledge.information());
         let mut x = Unknowns::zeros();
+        if !(self.at_zero.is_finite() && self.information.iter().all(|v| v.is_finite())) {
+            return Unknowns::repeat(f64::NAN);
+        }
         // What is known beforehand weighs against the scale of the residuals, which the fit itself tells.
         for _ in 0..if knowledge.biases() { 5 } else { 1 } {
             let weight = self.weight(&x, knowledge);
             let within = free * (self.information * weight + prior) * free;
+            if !within.iter().all(|v| v.is_finite()) {
+                return Unknowns::repeat(f64::NAN);
+            }
             let Ok(inverse) = within.pseudo_inverse(1e-13 * within.trace()) else { return x };
             x = -(inverse * (free * self.gradient * weight));
         }

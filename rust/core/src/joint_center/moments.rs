@@ -41,34 +41,32 @@ pub struct Moments {
 impl Moments {
     /// Adds a raw instant.
     pub fn push(&mut self, m: &Moment) {
-        let s = &m.sample;
-        let parts = [&s[0..3], &m.gyr_dot1, &s[3..6], &s[6..9], &m.gyr_dot2, &s[9..12]];
-        self.push_values(m.time_s, 2 * RAW, parts.into_iter().flatten().copied());
+        let ([a, b, c, d, e, f, g, h, i, j, k, l], [p, q, r], [s, t, u]) = (m.sample, m.gyr_dot1, m.gyr_dot2);
+        self.push_values(m.time_s, &[a, b, c, p, q, r, d, e, f, g, h, i, s, t, u, j, k, l]);
     }
 
     /// Adds a smoothed instant.
     pub fn push_smooth(&mut self, time_s: f64, sides: &[Side; 2]) {
-        let values = |s: &Side| {
-            let (a, b, c, gyr) = (s.a, s.b, s.c, s.gyr);
-            let mut values = [0.0; SMOOTH];
-            let all = a.iter().chain(b.iter()).chain(c.iter()).chain(gyr.iter()).copied();
-            values.iter_mut().zip(all).for_each(|(slot, value)| *slot = value);
-            values
-        };
-        self.push_values(time_s, 2 * SMOOTH, sides.iter().flat_map(values));
+        let mut values = [0.0; 2 * SMOOTH];
+        for (values, side) in values.as_chunks_mut::<SMOOTH>().0.iter_mut().zip(sides) {
+            let all = side.a.iter().chain(side.b.iter()).chain(side.c.iter()).chain(side.gyr.iter());
+            values.iter_mut().zip(all).for_each(|(slot, value)| *slot = *value);
+        }
+        self.push_values(time_s, &values);
     }
 
-    fn push_values(&mut self, time_s: f64, channels: usize, values: impl Iterator<Item = f64>) {
-        debug_assert!(self.is_empty() || self.channels == channels, "raw and smoothed instants do not mix");
-        self.channels = channels;
+    #[inline(always)]
+    fn push_values(&mut self, time_s: f64, values: &[f64]) {
+        debug_assert!(self.is_empty() || self.channels == values.len(), "raw and smoothed instants do not mix");
+        self.channels = values.len();
         let place = self.time_s.len() % CHUNK;
         if place == 0 {
-            self.chunks.resize(self.chunks.len() + channels, [0.0; CHUNK]);
+            self.chunks.resize(self.chunks.len() + values.len(), [0.0; CHUNK]);
         }
         self.time_s.push(time_s);
-        let start = self.chunks.len() - channels;
+        let start = self.chunks.len() - values.len();
         for (chunk, value) in self.chunks[start..].iter_mut().zip(values) {
-            chunk[place] = value;
+            chunk[place] = *value;
         }
     }
 
@@ -116,10 +114,12 @@ impl Moments {
     /// Those at the given places.
     pub(super) fn picked(&self, places: impl Iterator<Item = usize>) -> Self {
         let mut picked = Self::default();
+        let mut values = [0.0; 2 * SMOOTH];
         for k in places {
             let start = k / CHUNK * self.channels;
-            let values = self.chunks[start..start + self.channels].iter().map(|chunk| chunk[k % CHUNK]);
-            picked.push_values(self.time_s[k], self.channels, values);
+            let chunks = &self.chunks[start..start + self.channels];
+            values.iter_mut().zip(chunks).for_each(|(value, chunk)| *value = chunk[k % CHUNK]);
+            picked.push_values(self.time_s[k], &values[..self.channels]);
         }
         picked
     }

@@ -8,7 +8,7 @@ use super::{
     Matrix12, Unknowns,
     loss::Loss,
     moments::Moments,
-    residual::{considered, residual, spread, sums},
+    residual::{considered, residual, spread},
     solve::Knowledge,
 };
 
@@ -22,14 +22,15 @@ const TISSUE_RESIDUAL: f64 = 0.15;
 /// What is not estimated but considered: standard deviations of the scale factors of gyroscopes and accelerometers.
 const SCALE_STD: f64 = 0.001;
 /// Their effect is read off so many samples.
-const CONSIDERED_SAMPLES: usize = 1024;
+const CONSIDERED_SAMPLES: usize = 256;
 
 /// How far a solution can be trusted.
 #[derive(Clone, Debug)]
 pub struct Evidence {
     /// Covariance of the unknowns, m² and (m/s²)².
     pub covariance: Matrix12,
-    /// Standard deviation of the residual, m/s²: rms; of absolute values, their mean times √(π/2).
+    /// Standard deviation of the residual, m/s²: rms; with absolute values that of a Gaussian of the same
+    /// typical size.
     pub residual_std: f64,
     /// Rms residual at the solution over that at zero lever arms: near 1 the solution explains nothing.
     pub unexplained: f64,
@@ -40,22 +41,32 @@ pub struct Evidence {
 /// Evidence at the solution `x` of `loss`.
 pub fn evidence(moments: &Moments, x: &Unknowns, loss: Loss, knowledge: &Knowledge) -> Evidence {
     let count = moments.len().max(1) as f64;
+    let typical = typical_residual(moments, x);
     // Absolute values have their curvature at 0 only: as much of it as the residuals near 0 show.
     let loss = match loss {
-        Loss::Absolute(..) => Loss::Absolute(0.5 * (sums(moments, x, loss, false).absolute / count).max(LEAST_RESIDUAL), 0.0),
+        Loss::Absolute(..) => Loss::Absolute(0.8 * typical.max(LEAST_RESIDUAL), 0.0),
         _ => loss,
     };
     let spread = spread(moments, x, loss, knowledge.biases(), |time| ComplexField::floor(time / PIECE_S));
     let weight = count / (loss.power() * knowledge.correlated) / (spread.cost + count * loss.of(LEAST_RESIDUAL).0);
-    let (mean, rms) = (spread.absolute / count, ComplexField::sqrt(spread.squares / count));
+    let rms = ComplexField::sqrt(spread.squares / count);
     let judged = Judged { scores: &spread.scores, scatter: &spread.scatter, hessian: &spread.hessian, count };
-    let covariance = judged.covariance(weight, if loss.power() == 1.0 { mean } else { rms }, knowledge);
+    let covariance = judged.covariance(weight, if loss.power() == 1.0 { typical } else { rms }, knowledge);
+    let covariance = covariance + considered_covariance(moments, x, loss, weight, &spread.hessian, knowledge);
     Evidence {
-        covariance: covariance + considered_covariance(moments, x, loss, weight, &spread.hessian, knowledge),
-        residual_std: if loss.power() == 1.0 { mean * 1.2533 } else { rms },
-        unexplained: if spread.without_levers > 0.0 { ComplexField::sqrt(spread.squares / spread.without_levers) } else { 1.0 },
+        covariance: (covariance + covariance.transpose()) * 0.5,
+        residual_std: if loss.power() == 1.0 { typical * 1.2533 } else { rms },
+        unexplained: ComplexField::sqrt(spread.unexplained),
         pieces: spread.scores.len(),
     }
+}
+
+/// Median of the absolute residuals over ln 2, their mean if they are Laplace's: outliers do not enter.
+fn typical_residual(moments: &Moments, x: &Unknowns) -> f64 {
+    let few = moments.thinned(CONSIDERED_SAMPLES);
+    let mut sizes: Vec<f64> = (0..few.len()).map(|k| ComplexField::abs(residual(&few.at(k), x).0)).collect();
+    sizes.sort_by(f64::total_cmp);
+    sizes.get(sizes.len() / 2).copied().unwrap_or(0.0) / core::f64::consts::LN_2
 }
 
 /// What a covariance is made from: sums over the samples.
@@ -76,7 +87,7 @@ impl Judged<'_> {
     /// over twelve directions would be worse than what it corrects.
     pub(super) fn covariance(&self, weight: f64, residual: f64, knowledge: &Knowledge) -> Matrix12 {
         let active = if knowledge.biases() { 12 } else { 6 };
-        let prior = Matrix12::from_diagonal(&knowledge.information());
+        let prior = least_known(knowledge);
         let bread = invert(&(self.hessian * weight + prior), active);
         let unknowns = active as f64;
         let pieces = self.scores.iter().fold(Matrix12::zeros(), |sum, s| sum + s * s.transpose());
@@ -108,11 +119,18 @@ fn considered_covariance(
         effect += slope * considered(&sides, x).transpose() * loss.of(e).2;
     }
     let active = if knowledge.biases() { 12 } else { 6 };
-    let prior = Matrix12::from_diagonal(&knowledge.information());
+    let prior = least_known(knowledge);
     let share = moments.len() as f64 / few.len().max(1) as f64;
     let std = SVector::<f64, 10>::from_fn(|k, _| if k < 6 { knowledge.gyr_bias_std } else { SCALE_STD });
     let moved = invert(&(hessian * weight + prior), active) * (effect * (weight * share)) * SMatrix::from_diagonal(&std);
     moved * moved.transpose()
+}
+
+/// What is known beforehand; where that is nothing, that a lever arm is within tens of metres: what nothing depends on is then
+/// uncertain by as much, and no matrix singular.
+fn least_known(knowledge: &Knowledge) -> Matrix12 {
+    const LEAST_INFORMATION: f64 = 1e-3;
+    Matrix12::from_diagonal(&knowledge.information().map(|i| i.max(LEAST_INFORMATION)))
 }
 
 /// Inverse over the first `active` unknowns, zero elsewhere.
@@ -139,6 +157,9 @@ const OUTLIER_STD: f64 = 0.002;
 /// Unit directions of the stacked lever arms that are open: their standard deviation exceeds `limit`, or stands out by far (a
 /// hinge in clean motion). The worst first.
 pub fn open_levers(covariance: &SMatrix<f64, 6, 6>, limit: f64) -> Vec<SVector<f64, 6>> {
+    if !covariance.iter().all(|v| v.is_finite()) {
+        return everything();
+    }
     let mut values = SymmetricEigen::new(*covariance).eigenvalues;
     values.as_mut_slice().sort_by(f64::total_cmp);
     let standing_out = (OUTLIER * ComplexField::sqrt(values[2].max(0.0))).max(OUTLIER_STD);
@@ -147,8 +168,16 @@ pub fn open_levers(covariance: &SMatrix<f64, 6, 6>, limit: f64) -> Vec<SVector<f
 
 /// Unit directions of a covariance in which the standard deviation exceeds `limit`, the worst first.
 pub fn beyond(covariance: &SMatrix<f64, 6, 6>, limit: f64) -> Vec<SVector<f64, 6>> {
+    if !covariance.iter().all(|v| v.is_finite()) {
+        return everything();
+    }
     let eigen = SymmetricEigen::new(*covariance);
     let mut open: Vec<usize> = (0..6).filter(|&k| eigen.eigenvalues[k] > limit * limit).collect();
     open.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
     open.into_iter().map(|k| eigen.eigenvectors.column(k).into()).collect()
+}
+
+/// Nothing is determined.
+fn everything() -> Vec<SVector<f64, 6>> {
+    (0..6).map(|k| SMatrix::<f64, 6, 6>::identity().column(k).into()).collect()
 }

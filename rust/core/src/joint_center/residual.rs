@@ -93,8 +93,8 @@ pub struct Spread {
     pub absolute: f64,
     /// `Σ e²`.
     pub squares: f64,
-    /// `Σ e²` at zero lever arms.
-    pub without_levers: f64,
+    /// `Σ e²` over that at zero lever arms, of some samples; 1 where both are 0.
+    pub unexplained: f64,
     /// `Σ h JᵀJ`.
     pub hessian: Matrix12,
     /// `Σ ρ'² JᵀJ`.
@@ -105,19 +105,45 @@ pub struct Spread {
 
 /// The sums at `x` by which a solution is judged; samples whose `piece` (of their time) agrees are one piece.
 pub fn spread(moments: &Moments, x: &Unknowns, loss: Loss, biases: bool, piece: impl Fn(f64) -> f64) -> Spread {
+    #[cfg(all(feature = "std", target_arch = "x86_64"))]
+    if std::arch::is_x86_feature_detected!("avx2") {
+        // SAFETY: the processor has the feature that the function was compiled for, as just asked.
+        return unsafe { spread_avx2(moments, x, loss, biases, piece) };
+    }
+    spread_chunks(moments, x, loss, biases, piece)
+}
+
+/// The same source with wider registers; no fused operations, so the same bits.
+#[cfg(all(feature = "std", target_arch = "x86_64"))]
+#[target_feature(enable = "avx2")]
+fn spread_avx2(moments: &Moments, x: &Unknowns, loss: Loss, biases: bool, piece: impl Fn(f64) -> f64) -> Spread {
+    spread_chunks(moments, x, loss, biases, piece)
+}
+
+/// Of so many blocks one is compared with no lever arms at all.
+const COMPARED: usize = 4;
+
+#[inline(always)]
+fn spread_chunks(moments: &Moments, x: &Unknowns, loss: Loss, biases: bool, piece: impl Fn(f64) -> f64) -> Spread {
     let mut totals = [[[0.0; LANES]; SUMS]; 2];
-    let (mut squares, mut without_levers) = (0.0, 0.0);
+    let (mut squares, mut with_levers, mut without_levers) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
     let mut scores: Vec<Unknowns> = Vec::new();
     let mut present = f64::NAN;
-    let (mut work, mut bare) = (Work::default(), Work::default());
+    let mut work = Work::default();
     let active = if biases { 12 } else { 6 };
     let mut no_levers = *x;
     no_levers.fixed_rows_mut::<6>(0).fill(0.0);
-    for ((block, held), times) in moments.blocks().zip(moments.time_s().chunks(CHUNK)) {
-        evaluate(&mut bare, block, held, &no_levers, Loss::Square);
+    for (n, ((block, held), times)) in moments.blocks().zip(moments.time_s().chunks(CHUNK)).enumerate() {
+        let compared = n % COMPARED == 0;
+        if compared {
+            evaluate(&mut work, block, held, &no_levers, Loss::Square);
+            add_products(&mut without_levers, &work.e, &work.e);
+        }
         evaluate(&mut work, block, held, x, loss);
-        squares += work.e.iter().map(|e| e * e).sum::<f64>();
-        without_levers += bare.e.iter().map(|e| e * e).sum::<f64>();
+        add_products(&mut squares, &work.e, &work.e);
+        if compared {
+            add_products(&mut with_levers, &work.e, &work.e);
+        }
         for (k, time) in times.iter().enumerate() {
             let number = piece(*time);
             if number != present {
@@ -134,9 +160,11 @@ pub fn spread(moments: &Moments, x: &Unknowns, loss: Loss, biases: bool, piece: 
         }
         add_active(&mut totals[1], &mut work, biases);
     }
-    let [at, of_scores] = totals.map(|t| collect(&t.map(|s| (s[0] + s[1]) + (s[2] + s[3])), biases));
+    let [at, of_scores] = totals.map(|t| collect(&t.map(whole), biases));
     let (cost, absolute, hessian, scatter) = (at.cost, at.absolute, at.hessian, of_scores.hessian);
-    Spread { cost, absolute, squares, without_levers, hessian, scatter, scores }
+    let (with, without) = (whole(with_levers), whole(without_levers));
+    let unexplained = if without > 0.0 { with / without } else { 1.0 };
+    Spread { cost, absolute, squares: whole(squares), unexplained, hessian, scatter, scores }
 }
 
 #[inline(always)]
@@ -147,7 +175,7 @@ fn add_active(sums: &mut [[f64; LANES]; SUMS], work: &mut Work, biases: bool) {
 /// Cost, absolute sum, gradient (12), upper triangle of the Hessian (78).
 const SUMS: usize = 2 + 12 + 78;
 /// Partial sums of one total. Fixed, so that the order of every sum is the same on every machine.
-const LANES: usize = 4;
+const LANES: usize = 8;
 
 fn dispatch(moments: &Moments, x: &Unknowns, loss: Loss, biases: bool) -> [f64; SUMS] {
     #[cfg(all(feature = "std", target_arch = "x86_64"))]
@@ -192,7 +220,11 @@ fn sum_chunks(moments: &Moments, x: &Unknowns, loss: Loss, biases: bool) -> [f64
         evaluate(&mut work, block, held, x, loss);
         add_active(&mut sums, &mut work, biases);
     }
-    sums.map(|s| (s[0] + s[1]) + (s[2] + s[3]))
+    sums.map(whole)
+}
+
+fn whole(s: [f64; LANES]) -> f64 {
+    ((s[0] + s[1]) + (s[2] + s[3])) + ((s[4] + s[5]) + (s[6] + s[7]))
 }
 
 /// Residuals, their losses and derivatives for one block; those beyond `held` count nothing.

@@ -97,8 +97,8 @@ pub struct Problem<'a> {
 
 /// Below this a residual is rounding, m/s²: keeps the logarithm of a perfect fit finite.
 const ROUNDING: f64 = 1e-12;
-/// Newton steps end where the next would gain less than this in log-likelihood.
-const GAIN: f64 = 1e-9;
+/// Newton steps end where the next would gain less than this in log-likelihood: a hundredth of a standard deviation.
+const GAIN: f64 = 5e-5;
 /// SA ends where smoothing is proved to cost less than this share.
 const SMOOTHING_GAIN: f64 = 2e-7;
 /// By so much the smoothing shrinks at a time.
@@ -141,7 +141,8 @@ impl<'a> Problem<'a> {
         let scale = point.hessian.trace();
         let hessian = self.free * point.hessian * self.free + held * scale;
         // A trace of damping leaves alone what nothing depends on.
-        let step = -(hessian + Matrix12::identity() * (1e-12 * scale)).cholesky()?.solve(&point.gradient);
+        let step =
+            -(hessian + Matrix12::identity() * (1e-12 * scale).max(f64::MIN_POSITIVE)).cholesky()?.solve(&point.gradient);
         Some(self.free * step)
     }
 
@@ -152,6 +153,10 @@ impl<'a> Problem<'a> {
         loop {
             if !here.merit.is_finite() {
                 return (x, here, Status::NumericalError);
+            }
+            // A perfect fit leaves nothing but rounding to descend on.
+            if here.sums.absolute <= self.moments.len() as f64 * ROUNDING {
+                return (x, here, Status::Converged);
             }
             let Some(step) = self.step(&here) else { return (x, here, Status::NumericalError) };
             let predicted = -here.gradient.dot(&step);

@@ -64,9 +64,14 @@ const LEVELS: [f64; 3] = [1.0, 4.0, 16.0];
 /// The stream.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct CenterStream {
-    settings: StreamSettings,
     conditioner: Conditioner,
-    ready: Vec<(f64, PairSample)>,
+    intake: Intake,
+}
+
+/// What comes after even time.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Intake {
+    settings: StreamSettings,
     smooth: InertialLowpass,
     differentiator: Differentiator,
     /// Time of the latest conditioned sample, s.
@@ -74,7 +79,7 @@ pub struct CenterStream {
     kept: Moments,
     /// Level of each.
     levels: Vec<u8>,
-    /// Of each level one in so many is kept (0: none), and how many came so far.
+    /// Of each level one in so many is kept, and how many came so far.
     strides: [u64; LEVELS.len() + 1],
     offered: [u64; LEVELS.len() + 1],
     rest: [Rest; 2],
@@ -86,11 +91,60 @@ pub struct CenterStream {
 impl CenterStream {
     /// An empty stream.
     pub fn new(settings: StreamSettings) -> Self {
+        let conditioner = Conditioner::new(0.0, settings.rate_hz, 1);
+        Self { conditioner, intake: Intake::new(settings) }
+    }
+
+    /// What it was made with.
+    pub fn settings(&self) -> &StreamSettings {
+        &self.intake.settings
+    }
+
+    /// By how much the instants are late, s.
+    pub fn delay_s(&self) -> f64 {
+        self.intake.delay_s()
+    }
+
+    /// Takes one raw sample at `time_s`, later than all before.
+    pub fn push(&mut self, time_s: f64, sample: &PairSample) {
+        let Self { conditioner, intake } = self;
+        conditioner.pass(time_s, sample, &mut |time, sample| intake.take(time, sample));
+    }
+
+    /// The most exciting instants in the order of time, at most as many as the settings say.
+    pub fn moments(&self) -> &Moments {
+        &self.intake.kept
+    }
+
+    /// The gyroscope bias of each sensor, rad/s, where it is known or rest has shown it.
+    pub fn gyr_bias(&self) -> [Option<Xyz>; 2] {
+        self.intake.bias
+    }
+
+    /// Everything it knows, as bytes: a version, a checksum, the state.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        crate::state::to_bytes(STATE_VERSION, self)
+    }
+
+    /// The stream that [`Self::to_bytes`] wrote; None where the bytes are of another version, damaged or not from there.
+    pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
+        let stream: Self = crate::state::from_bytes(STATE_VERSION, bytes)?;
+        let settings = *stream.settings();
+        let sound = settings.rate_hz > 0.0
+            && settings.rate_hz < 1e9
+            && settings.lowpass_hz >= 0.0
+            && settings.max_samples >= LEAST_SAMPLES
+            && settings.windows_are_bounded();
+        let fresh = sound.then(|| Self::new(settings))?;
+        (stream.conditioner.fits(&fresh.conditioner) && stream.intake.fits(&fresh.intake)).then_some(stream)
+    }
+}
+
+impl Intake {
+    fn new(settings: StreamSettings) -> Self {
         let step_s = 1.0 / settings.rate_hz;
         Self {
             settings,
-            conditioner: Conditioner::new(0.0, settings.rate_hz, 1),
-            ready: Vec::new(),
             smooth: InertialLowpass::new(settings.lowpass_hz, step_s, settings.every()),
             differentiator: Differentiator::new(settings.stencil, step_s),
             latest_s: f64::NEG_INFINITY,
@@ -104,32 +158,17 @@ impl CenterStream {
         }
     }
 
-    /// What it was made with.
-    pub fn settings(&self) -> &StreamSettings {
-        &self.settings
-    }
-
     fn is_smooth(&self) -> bool {
         self.settings.lowpass_hz > 0.0
     }
 
-    /// By how much the instants are late, s.
-    pub fn delay_s(&self) -> f64 {
+    fn delay_s(&self) -> f64 {
         let samples = if self.is_smooth() { self.smooth.delay_samples() } else { self.settings.stencil.reach() };
         samples as f64 / self.settings.rate_hz
     }
 
-    /// Takes one raw sample at `time_s`, later than all before.
-    pub fn push(&mut self, time_s: f64, sample: &PairSample) {
-        let mut ready = core::mem::take(&mut self.ready);
-        self.conditioner.push(time_s, sample, &mut ready);
-        for (time, sample) in ready.drain(..) {
-            self.take(time, sample);
-        }
-        self.ready = ready;
-    }
-
-    fn take(&mut self, time: f64, mut sample: PairSample) {
+    #[inline]
+    fn take(&mut self, time: f64, sample: &PairSample) {
         if time - self.latest_s > BREAK_STEPS / self.settings.rate_hz {
             self.smooth.reset();
             self.differentiator.reset();
@@ -138,17 +177,29 @@ impl CenterStream {
         }
         self.latest_s = time;
         if self.settings.bias_from_rest && self.settings.gyr_bias.is_none() {
-            self.look_for_rest(&sample);
+            self.look_for_rest(sample);
         }
-        for (sensor, bias) in self.bias.iter().enumerate() {
-            let Some(bias) = bias else { continue };
-            (0..3).for_each(|k| sample[6 * sensor + k] -= bias[k]);
+        match self.bias {
+            [None, None] => self.convert(time, sample),
+            bias => {
+                let mut unbiased = *sample;
+                for (sensor, bias) in bias.iter().enumerate() {
+                    let bias = bias.unwrap_or_default();
+                    (0..3).for_each(|k| unbiased[6 * sensor + k] -= bias[k]);
+                }
+                self.convert(time, &unbiased);
+            }
         }
+    }
+
+    /// From samples to instants.
+    #[inline]
+    fn convert(&mut self, time: f64, sample: &PairSample) {
         if self.is_smooth() {
-            if let Some(sides) = self.smooth.push(&sample) {
+            if let Some(sides) = self.smooth.push(sample) {
                 self.offer_smooth(time - self.delay_s(), &sides);
             }
-        } else if let Some(moment) = self.differentiator.push(time, &sample) {
+        } else if let Some(moment) = self.differentiator.push(time, sample) {
             self.offer(&moment);
         }
     }
@@ -194,8 +245,11 @@ impl CenterStream {
         }
         let level = LEVELS.iter().filter(|&&limit| excitement >= 2.0 * limit).count();
         let offered = self.offered[level];
-        self.offered[level] += 1;
-        let wanted = |strides: &[u64]| strides[level] > 0 && offered.is_multiple_of(strides[level]);
+        self.offered[level] = offered.wrapping_add(1);
+        let wanted = |strides: &[u64]| match strides[level] {
+            1 => true, // as almost always: spares the division
+            stride => offered.is_multiple_of(stride),
+        };
         if !wanted(&self.strides) {
             return false;
         }
@@ -209,68 +263,37 @@ impl CenterStream {
         kept
     }
 
-    /// Gives up the least exciting moments: of the lowest level every second, or all once they are few.
+    /// Whether this, read back, can go on where `fresh` would begin.
+    fn fits(&self, fresh: &Self) -> bool {
+        self.differentiator.fits(&fresh.differentiator)
+            && self.smooth.fits(&fresh.smooth)
+            && self.kept.is_sound()
+            && self.kept.len() <= self.settings.max_samples
+            && self.levels.len() == self.kept.len()
+            && self.levels.iter().all(|&level| usize::from(level) <= LEVELS.len())
+    }
+
+    /// Gives up the least exciting: every second of the lowest level that has a fair share, so that no level ever falls silent.
     fn make_room(&mut self) {
-        let wanted = self.settings.max_samples * 3 / 4;
-        while self.levels.len() > wanted {
-            let Some(&lowest) = self.levels.iter().min() else { return };
-            let count = self.levels.iter().filter(|&&level| level == lowest).count();
-            let others = count < self.levels.len();
+        let most = self.settings.max_samples;
+        while self.levels.len() > most * 3 / 4 {
+            let share = |level: u8| self.levels.iter().filter(|&&l| l == level).count();
+            let Some(lowest) = (0..=LEVELS.len() as u8).find(|&level| share(level) > (most / 16).max(1)) else { return };
             let stride = &mut self.strides[usize::from(lowest)];
-            *stride = if others && count < self.settings.max_samples / 4 { 0 } else { *stride * 2 };
-            let (closed, mut position) = (*stride == 0, 0);
+            *stride = stride.saturating_mul(2);
+            let mut position = 0;
             let stays: Vec<bool> = self
                 .levels
                 .iter()
                 .map(|&level| {
                     position += usize::from(level == lowest);
-                    level != lowest || (!closed && position % 2 == 1)
+                    level != lowest || position % 2 == 1
                 })
                 .collect();
             self.kept = self.kept.picked((0..stays.len()).filter(|&k| stays[k]));
             let mut stays = stays.into_iter();
             self.levels.retain(|_| stays.next().unwrap_or(false));
         }
-    }
-
-    /// Time of the latest conditioned sample, s.
-    pub fn latest_s(&self) -> f64 {
-        self.latest_s
-    }
-
-    /// The most exciting moments in the order of time, at most as many as the settings say.
-    pub fn moments(&self) -> &Moments {
-        &self.kept
-    }
-
-    /// The gyroscope bias of each sensor, rad/s, where it is known or rest has shown it.
-    pub fn gyr_bias(&self) -> [Option<Xyz>; 2] {
-        self.bias
-    }
-
-    /// Everything it knows, as bytes: a version, a checksum, the state.
-    pub fn to_bytes(&self) -> Vec<u8> {
-        crate::state::to_bytes(STATE_VERSION, self)
-    }
-
-    /// The stream that [`Self::to_bytes`] wrote; None where the bytes are of another version, damaged or not from there.
-    pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
-        let stream: Self = crate::state::from_bytes(STATE_VERSION, bytes)?;
-        let settings = stream.settings;
-        let sound = settings.rate_hz > 0.0
-            && settings.rate_hz < 1e9
-            && settings.lowpass_hz >= 0.0
-            && settings.max_samples >= LEAST_SAMPLES
-            && settings.windows_are_bounded();
-        let fresh = sound.then(|| Self::new(settings))?;
-        let fits = stream.conditioner.fits(&fresh.conditioner)
-            && stream.differentiator.fits(&fresh.differentiator)
-            && stream.smooth.fits(&fresh.smooth)
-            && stream.kept.is_sound()
-            && stream.kept.len() <= settings.max_samples
-            && stream.levels.len() == stream.kept.len()
-            && stream.levels.iter().all(|&level| usize::from(level) <= LEVELS.len());
-        fits.then_some(stream)
     }
 }
 

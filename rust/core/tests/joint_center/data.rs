@@ -4,12 +4,12 @@ use imufast_core::{
     PairSample,
     joint_center::{
         Unknowns,
-        moments::Moments,
+        moments::{Moments, Side},
         stream::{CenterStream, StreamSettings},
     },
     rigid_body::{Moment, Stencil},
 };
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 
 /// Seeded numbers (splitmix64), so that a failure can be had again.
 pub struct Random(pub u64);
@@ -111,7 +111,20 @@ impl BallJoint {
     }
 }
 
-/// Moments of no motion at all, only numbers.
+/// One sensor of no motion at all, only numbers.
+pub fn side(random: &mut Random) -> Side {
+    let matrix = |random: &mut Random, size: f64| Matrix3::from_fn(|_, _| size * random.normal());
+    Side { a: random.vector(10.0), b: matrix(random, 1.0), c: matrix(random, 15.0), gyr: random.vector(2.0) }
+}
+
+/// Smoothed moments of no motion at all.
+pub fn scattered_smooth(seed: u64, count: usize) -> Moments {
+    let (mut random, mut moments) = (Random(seed), Moments::default());
+    (0..count).for_each(|k| moments.push_smooth(0.13 * k as f64, &[side(&mut random), side(&mut random)]));
+    moments
+}
+
+/// Raw moments of no motion at all.
 pub fn scattered(seed: u64, count: usize) -> Moments {
     let (mut random, mut moments) = (Random(seed), Moments::default());
     for k in 0..count {
@@ -129,6 +142,7 @@ pub fn settings() -> StreamSettings {
         stencil: Stencil::Five,
         least_rate: 0.0,
         max_samples: 200,
+        gyr_bias: None,
         bias_from_rest: true,
     }
 }

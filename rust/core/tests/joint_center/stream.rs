@@ -65,9 +65,7 @@ fn moments_are_bounded_in_number_and_ordered_in_time() {
             }
         }
         assert!(stream.moments().time_s().is_sorted_by(|a, b| a < b));
-        assert!(stream.moments().len() as u64 <= stream.count());
-        let enough = (stream.count() as usize).min(settings.max_samples) / 2;
-        assert!(settings.least_rate > 0.0 || stream.moments().len() >= enough, "{settings:?}: {}", stream.moments().len());
+        assert!(stream.moments().len() >= settings.max_samples.min(60) / 2, "{settings:?}: {}", stream.moments().len());
     }
 }
 
@@ -75,45 +73,61 @@ fn moments_are_bounded_in_number_and_ordered_in_time() {
 fn a_moment_is_as_late_as_stated() {
     for settings in choices() {
         let stream = fed(settings, &BallJoint::new(1, 1.0, 0.0).samples(0.0, 600));
-        assert!((5.99 - stream.latest_s() - stream.delay_s()).abs() < 0.25, "{settings:?}");
         let first = stream.moments().time_s()[0];
-        assert!((first - stream.delay_s()).abs() < 1e-9, "{settings:?}: first at {first}, {} late", stream.delay_s());
+        // The orientation of a smoothed one needs a sample more, but the window none before the first.
+        let early = if settings.lowpass_hz > 0.0 { 0.01 } else { 0.0 };
+        assert!((first + early - stream.delay_s()).abs() < 1e-9, "{settings:?}: first at {first}, {} late", stream.delay_s());
     }
 }
 
 #[test]
-fn no_derivative_reaches_across_a_break() {
-    // Constant rates that differ from stretch to stretch: any derivative that saw two stretches would not be zero.
-    let stretches = [(0.0, 1.0), (3.0, -4.0), (4.13, 2.5), (7.0, -1.0)];
+fn nothing_reaches_across_a_break() {
+    // Three motions that have nothing to do with each other: what each tells must be what it tells alone.
+    let stretches: Vec<_> = [(1, 0.0, 300), (2, 3.05, 250), (3, 7.0, 333)]
+        .map(|(seed, start, n)| BallJoint::new(seed, 1.0, 3.0).samples(start, n))
+        .into();
+    let whole: Vec<_> = stretches.concat();
     for settings in choices() {
-        let mut stream = CenterStream::new(settings);
-        for (number, (start, level)) in stretches.into_iter().enumerate() {
-            let end = stretches.get(number + 1).map_or(10.0, |next| next.0 - 0.06);
-            let mut k = 0.0;
-            while start + 0.01 * k < end {
-                let mut sample = [0.0; 12];
-                for c in 0..3 {
-                    sample[c] = level * (1.0 + c as f64);
-                    sample[6 + c] = -level * (2.0 + c as f64);
-                    (sample[3 + c], sample[9 + c]) = (5.0 + level, 5.0 + level);
+        let settings = StreamSettings { max_samples: 100_000, bias_from_rest: false, ..settings };
+        let together = fed(settings, &whole);
+        let mut k = 0;
+        for stretch in &stretches {
+            let alone = fed(settings, stretch);
+            for j in 0..alone.moments().len() {
+                assert!((together.moments().time_s()[k] - alone.moments().time_s()[j]).abs() < 1e-9);
+                for (one, other) in together.moments().at(k).iter().zip(alone.moments().at(j)) {
+                    let near = (one.a - other.a).norm() + (one.b - other.b).norm() + (one.c - other.c).norm() < 1e-9;
+                    assert!(near && one.gyr == other.gyr, "{settings:?}: moment {k}");
                 }
-                stream.push(start + 0.01 * k, &sample);
-                k += 1.0;
+                k += 1;
             }
         }
-        let moments = stream.moments();
-        assert!(!moments.is_empty());
-        let mut seen = [false; 4];
-        for (k, t) in moments.time_s().iter().enumerate() {
-            let stretch = stretches.iter().rposition(|(start, _)| t >= start).expect("time begins with the first");
-            seen[stretch] = true;
-            let [[gyr1, dot1, acc1], [_, dot2, _]] = moments.at(k);
-            assert!(dot1.norm() < 1e-9 && dot2.norm() < 1e-9, "{settings:?}: {dot1} at {t}");
-            assert!((acc1[0] - 5.0 - stretches[stretch].1).abs() < 1e-9);
-            let rate = stretches[stretch].1 - stream.gyr_bias()[0].map_or(0.0, |bias| bias[0]);
-            assert!((gyr1[0] - rate).abs() < 1e-9, "{gyr1} at {t}");
+        assert!(k > 10 && k == together.moments().len(), "{settings:?}: {k}");
+    }
+}
+
+#[test]
+fn known_gyroscope_biases_are_taken_off_all_the_same() {
+    let bias = [[0.03, -0.02, 0.01], [-0.02, 0.0, 0.04]];
+    let samples = BallJoint::new(5, 1.0, 0.05).samples(0.0, 600);
+    let biased: Vec<_> = samples
+        .iter()
+        .map(|(t, sample)| {
+            let mut s = *sample;
+            (0..3).for_each(|k| (s[k], s[6 + k]) = (s[k] + bias[0][k], s[6 + k] + bias[1][k]));
+            (*t, s)
+        })
+        .collect();
+    for settings in choices() {
+        let settings = StreamSettings { bias_from_rest: false, ..settings };
+        let (plain, known) = (fed(settings, &samples), fed(StreamSettings { gyr_bias: Some(bias), ..settings }, &biased));
+        assert_eq!(known.gyr_bias(), bias.map(Some));
+        assert_eq!(plain.moments().len(), known.moments().len());
+        for k in 0..plain.moments().len() {
+            for (one, other) in plain.moments().at(k).iter().zip(known.moments().at(k)) {
+                assert!((one.a - other.a).norm() + (one.c - other.c).norm() + (one.gyr - other.gyr).norm() < 1e-9);
+            }
         }
-        assert!(settings.max_samples < 100 || seen == [true; 4], "{settings:?}: {seen:?}");
     }
 }
 
@@ -135,8 +149,8 @@ fn quiet_moments_below_the_gate_are_passed_over() {
         let settings = StreamSettings { least_rate, max_samples: 10_000, ..raw_settings() };
         let (stream, all) = (fed(settings, &samples), fed(StreamSettings { least_rate: 0.0, ..settings }, &samples));
         let moves = |k: usize, stream: &CenterStream| {
-            let [[gyr1, ..], [gyr2, ..]] = stream.moments().at(k);
-            gyr1.norm().max(gyr2.norm()) >= least_rate
+            let [one, two] = stream.moments().at(k);
+            one.gyr.norm().max(two.gyr.norm()) >= least_rate
         };
         assert!((0..stream.moments().len()).all(|k| moves(k, &stream)));
         assert_eq!(stream.moments().len(), (0..all.moments().len()).filter(|&k| moves(k, &all)).count());
@@ -165,28 +179,29 @@ fn of_equal_moments_those_that_stay_are_spread_over_all_time() {
 
 #[test]
 fn memory_is_bounded_over_hours_and_goes_to_the_rare_exciting_moments() {
-    // Five hours of gentle motion with ten seconds of vigour in each half hour.
-    let settings = StreamSettings { max_samples: 400, ..settings() };
-    let (gentle, strong) = (BallJoint::new(8, 0.15, 0.02).samples(0.0, 6000), BallJoint::new(9, 2.0, 0.02).samples(0.0, 1000));
+    // An hour of gentle motion in pieces, with ten seconds of vigour now and then.
+    let settings = StreamSettings { max_samples: 400, bias_from_rest: false, ..settings() };
+    let (gentle, strong) = (BallJoint::new(8, 0.15, 0.02).samples(0.0, 1000), BallJoint::new(9, 2.0, 0.02).samples(0.0, 1000));
     let mut stream = CenterStream::new(settings);
     let mut largest = [0; 2];
     let mut vigour = Vec::new();
-    for minute in 0..300 {
-        let start = 70.0 * f64::from(minute);
+    for minute in 0..120 {
+        let start = 30.0 * f64::from(minute);
         gentle.iter().for_each(|(t, s)| stream.push(start + t, s));
         if minute % 30 == 7 {
-            strong.iter().for_each(|(t, s)| stream.push(start + 60.0 + t, s));
-            vigour.push(start + 60.0);
+            strong.iter().for_each(|(t, s)| stream.push(start + 15.0 + t, s));
+            vigour.push(start + 15.0);
         }
-        let half = &mut largest[usize::from(minute >= 150)];
+        let half = &mut largest[usize::from(minute >= 60)];
         *half = (*half).max(stream.to_bytes().len());
     }
     assert!(largest[1] as f64 <= 1.02 * largest[0] as f64, "{largest:?}");
-    assert!(largest[1] < 400 * 8 * 20 + 20_000, "{largest:?}");
+    assert!(largest[1] < 400 * 8 * 50 + 40_000, "{largest:?}");
     let strong_ones = |t: &f64| vigour.iter().any(|start| (*start..start + 10.0).contains(t));
     let times = stream.moments().time_s();
     let share = times.iter().filter(|t| strong_ones(t)).count() as f64 / times.len() as f64;
-    assert!(share > 0.9, "{share}");
+    // Every level keeps a sixteenth at most, so that none falls silent.
+    assert!(share > 0.8, "{share}");
     let remembered = vigour.iter().filter(|start| times.iter().any(|t| (**start..**start + 10.0).contains(t))).count();
     assert_eq!(remembered, vigour.len());
 }

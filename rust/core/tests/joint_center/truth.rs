@@ -16,16 +16,16 @@ use crate::data::{BallJoint, scattered, truth};
 const METHODS: [Method; 3] = [Method::Squares, Method::Huber, Method::Absolute];
 
 fn request(method: Method, knowledge: Knowledge) -> Request {
-    Request { method, knowledge, axis: None, undetermined_std: 0.02, max_iterations: 200 }
+    Request { method, knowledge, axis: None, undetermined_std: 0.02, minimum_norm: true, max_iterations: 200 }
 }
 
 fn known() -> Knowledge {
-    Knowledge { bias_std: 0.3, lever_std: 1.0, correlated: 1.0 }
+    Knowledge { bias_std: 0.3, lever_std: 1.0, correlated: 1.0, gyr_bias_std: 0.0 }
 }
 
 #[test]
 fn exact_moments_give_levers_and_biases_back() {
-    let moments = BallJoint::new(1, 1.0, 0.0).moments(3000);
+    let moments = BallJoint::new(1, 1.0, 0.0).moments(400);
     let worst = (0..moments.len()).map(|k| residual(&moments.at(k), &truth()).0.abs()).fold(0.0, f64::max);
     assert!(worst < 1e-7, "the example is exact: {worst}");
     for method in METHODS {
@@ -41,7 +41,7 @@ fn exact_moments_give_levers_and_biases_back() {
 
 #[test]
 fn noise_leaves_the_truth_within_a_few_standard_deviations() {
-    let moments = BallJoint::new(2, 1.0, 0.05).moments(3000);
+    let moments = BallJoint::new(2, 1.0, 0.05).moments(1000);
     for method in METHODS {
         let found = estimate(&moments, &request(method, known()), &mut || true);
         let error = found.solution.x - truth();
@@ -93,13 +93,13 @@ fn absurd_numbers_give_a_status_and_no_panic() {
         let mut moments = Moments::default();
         let plain = scattered(5, 100);
         for k in 0..plain.len() {
-            let [side1, side2] = plain.at(k);
+            let [one, two] = plain.at(k);
             let mut sample = [0.0; 12];
             for c in 0..3 {
-                (sample[c], sample[3 + c]) = (side1[0][c] * size, side1[2][c] * size);
-                (sample[6 + c], sample[9 + c]) = (side2[0][c] * size, side2[2][c] * size);
+                (sample[c], sample[3 + c]) = (one.gyr[c] * size, one.a[c] * size);
+                (sample[6 + c], sample[9 + c]) = (two.gyr[c] * size, two.a[c] * size);
             }
-            let (gyr_dot1, gyr_dot2) = ((side1[1] * size).into(), (side2[1] * size).into());
+            let (gyr_dot1, gyr_dot2) = ((one.gyr * -size).into(), (two.gyr * size).into());
             moments.push(&Moment { time_s: k as f64, sample, gyr_dot1, gyr_dot2 });
         }
         for knowledge in [known(), Knowledge::PUBLISHED] {
@@ -108,8 +108,11 @@ fn absurd_numbers_give_a_status_and_no_panic() {
                 let finite = found.solution.x.iter().all(|v| v.is_finite());
                 assert!(finite, "{method:?} at {size:e}: {}", found.solution.x);
             }
+            if size > 1e50 {
+                continue; // see the next test
+            }
             let still = vec![UnitQuaternion::identity(); moments.len()];
-            let _ = ls::estimate(&moments, &still, &knowledge, None, 0.02);
+            assert!(ls::estimate(&moments, &still, &knowledge, None, 0.02).solution.x.iter().all(|v| v.is_finite()));
         }
     }
     for knowledge in [known(), Knowledge::PUBLISHED] {
@@ -120,4 +123,20 @@ fn absurd_numbers_give_a_status_and_no_panic() {
         }
         assert_eq!(ls::estimate(&nothing, &[], &knowledge, None, 0.02).solution.x, Unknowns::zeros());
     }
+}
+
+#[test]
+fn numbers_that_overflow_end_the_linear_estimate_too() {
+    let mut moments = Moments::default();
+    for k in 0..20 {
+        let value = 1e160 * (1.0 + f64::from(k % 7));
+        let (gyr_dot1, gyr_dot2) = ([value; 3], [-value; 3]);
+        moments.push(&Moment { time_s: f64::from(k), sample: [value; 12], gyr_dot1, gyr_dot2 });
+    }
+    let (send, ended) = std::sync::mpsc::channel();
+    std::thread::spawn(move || {
+        let still = vec![UnitQuaternion::identity(); moments.len()];
+        let _ = send.send(ls::estimate(&moments, &still, &known(), None, 0.02).solution.status);
+    });
+    assert_eq!(ended.recv_timeout(std::time::Duration::from_secs(10)), Ok(Status::NumericalError));
 }

@@ -1,0 +1,1 @@
+"""The evaluation of Olsson & Halvorsen 2017 by simulation."""
