@@ -51,7 +51,8 @@ def test_named_scripts_and_make_targets_exist(path: Path) -> None:
 
 def test_the_commands_in_readme_exist() -> None:
     app = pytest.importorskip("imufast.cli.app").app
-    commands = set(re.findall(r"^imufast (\w+)", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE))
+    blocks = re.findall(r"^```.*?^```", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    commands = set(re.findall(r"^imufast (\w+)", "\n".join(blocks), re.MULTILINE))
     assert commands
     assert commands <= set(app.commands)
 

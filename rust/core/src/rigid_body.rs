@@ -46,6 +46,7 @@ impl Stencil {
     }
 
     /// Derivative in the middle of `2·reach + 1` values that are `step_s` apart.
+    #[inline(always)]
     pub fn derivative(self, value: impl Fn(usize) -> f64, step_s: f64) -> f64 {
         match self {
             Self::Three => (value(2) - value(0)) / (2.0 * step_s),
@@ -103,8 +104,12 @@ impl Differentiator {
             &self.window[if place >= length { place - length } else { place }]
         };
         let (time_s, sample) = *at(self.stencil.reach());
-        let rate = |from: usize| core::array::from_fn(|k| self.stencil.derivative(|n| at(n).1[from + k], self.step_s));
-        Some(Moment { time_s, sample, gyr_dot1: rate(0), gyr_dot2: rate(6) })
+        let (mut gyr_dot1, mut gyr_dot2) = ([0.0; 3], [0.0; 3]);
+        for k in 0..3 {
+            gyr_dot1[k] = self.stencil.derivative(|n| at(n).1[k], self.step_s);
+            gyr_dot2[k] = self.stencil.derivative(|n| at(n).1[6 + k], self.step_s);
+        }
+        Some(Moment { time_s, sample, gyr_dot1, gyr_dot2 })
     }
 
     /// Whether this, read back, can go on where `fresh` would begin.

@@ -133,9 +133,8 @@ fn search(problem: &Problem<'_>, method: Method, go_on: &mut dyn FnMut() -> bool
         return problem.minimise(method, start, go_on);
     }
     // Once more half way, on an eighth: spares passes over all.
-    let middle = problem.moments.thinned(problem.moments.len() / MIDDLE_SHARE);
-    let correlated = (problem.knowledge.correlated / MIDDLE_SHARE as f64).max(1.0);
-    let halfway = Problem { moments: &middle, knowledge: Knowledge { correlated, ..problem.knowledge }, ..*problem };
+    let middle = problem.moments.runs(MIDDLE_SHARE);
+    let halfway = Problem { moments: &middle, ..*problem };
     let found = halfway.minimise(method, start, go_on);
     if found.status == Status::Interrupted { found } else { problem.minimise(method, found.x, go_on) }
 }

@@ -129,6 +129,17 @@ impl Moments {
         self.picked((0..self.len()).step_by((self.len() / count.max(1)).max(1)))
     }
 
+    /// Every `every`-th run of [`CHUNK`] of them, as it is.
+    pub(super) fn runs(&self, every: usize) -> Self {
+        let mut some = Self { channels: self.channels, ..Self::default() };
+        let blocks = self.chunks.chunks_exact(self.channels.max(1)).zip(self.time_s.chunks(CHUNK));
+        for (block, times) in blocks.step_by(every).filter(|(_, times)| times.len() == CHUNK) {
+            some.chunks.extend_from_slice(block);
+            some.time_s.extend_from_slice(times);
+        }
+        some
+    }
+
     /// Whether this, read back, hangs together.
     pub(super) fn is_sound(&self) -> bool {
         [0, 2 * RAW, 2 * SMOOTH].contains(&self.channels)

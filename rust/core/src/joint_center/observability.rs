@@ -21,8 +21,8 @@ pub const LEAST_RESIDUAL: f64 = 0.003;
 const TISSUE_RESIDUAL: f64 = 0.15;
 /// What is not estimated but considered: standard deviations of the scale factors of gyroscopes and accelerometers.
 const SCALE_STD: f64 = 0.001;
-/// Their effect is read off so many samples.
-const CONSIDERED_SAMPLES: usize = 256;
+/// Typical sizes are read off so many samples.
+const FEW_SAMPLES: usize = 256;
 
 /// How far a solution can be trusted.
 #[derive(Clone, Debug)]
@@ -41,7 +41,8 @@ pub struct Evidence {
 /// Evidence at the solution `x` of `loss`.
 pub fn evidence(moments: &Moments, x: &Unknowns, loss: Loss, knowledge: &Knowledge) -> Evidence {
     let count = moments.len().max(1) as f64;
-    let typical = typical_residual(moments, x);
+    let few = moments.thinned(FEW_SAMPLES);
+    let typical = typical_residual(&few, x);
     // Absolute values have their curvature at 0 only: as much of it as the residuals near 0 show.
     let loss = match loss {
         Loss::Absolute(..) => Loss::Absolute(0.8 * typical.max(LEAST_RESIDUAL), 0.0),
@@ -52,7 +53,8 @@ pub fn evidence(moments: &Moments, x: &Unknowns, loss: Loss, knowledge: &Knowled
     let rms = ComplexField::sqrt(spread.squares / count);
     let judged = Judged { scores: &spread.scores, scatter: &spread.scatter, hessian: &spread.hessian, count };
     let covariance = judged.covariance(weight, if loss.power() == 1.0 { typical } else { rms }, knowledge);
-    let covariance = covariance + considered_covariance(moments, x, loss, weight, &spread.hessian, knowledge);
+    let covariance = covariance
+        + considered_covariance(&few, x, loss, weight * count / few.len().max(1) as f64, &(spread.hessian * weight), knowledge);
     Evidence {
         covariance: (covariance + covariance.transpose()) * 0.5,
         residual_std: if loss.power() == 1.0 { typical * 1.2533 } else { rms },
@@ -62,8 +64,7 @@ pub fn evidence(moments: &Moments, x: &Unknowns, loss: Loss, knowledge: &Knowled
 }
 
 /// Median of the absolute residuals over ln 2, their mean if they are Laplace's: outliers do not enter.
-fn typical_residual(moments: &Moments, x: &Unknowns) -> f64 {
-    let few = moments.thinned(CONSIDERED_SAMPLES);
+fn typical_residual(few: &Moments, x: &Unknowns) -> f64 {
     let mut sizes: Vec<f64> = (0..few.len()).map(|k| ComplexField::abs(residual(&few.at(k), x).0)).collect();
     sizes.sort_by(f64::total_cmp);
     sizes.get(sizes.len() / 2).copied().unwrap_or(0.0) / core::f64::consts::LN_2
@@ -102,16 +103,16 @@ impl Judged<'_> {
     }
 }
 
-/// What gyroscope biases and scale factors, which are not estimated, do to the solution.
+/// What gyroscope biases and scale factors, which are not estimated, do to the solution; each of the few samples with the
+/// weight of those that it stands for.
 fn considered_covariance(
-    moments: &Moments,
+    few: &Moments,
     x: &Unknowns,
     loss: Loss,
     weight: f64,
-    hessian: &Matrix12,
+    information: &Matrix12,
     knowledge: &Knowledge,
 ) -> Matrix12 {
-    let few = moments.thinned(CONSIDERED_SAMPLES);
     let mut effect = SMatrix::<f64, 12, 10>::zeros();
     for k in 0..few.len() {
         let sides = few.at(k);
@@ -120,9 +121,8 @@ fn considered_covariance(
     }
     let active = if knowledge.biases() { 12 } else { 6 };
     let prior = least_known(knowledge);
-    let share = moments.len() as f64 / few.len().max(1) as f64;
     let std = SVector::<f64, 10>::from_fn(|k, _| if k < 6 { knowledge.gyr_bias_std } else { SCALE_STD });
-    let moved = invert(&(hessian * weight + prior), active) * (effect * (weight * share)) * SMatrix::from_diagonal(&std);
+    let moved = invert(&(information + prior), active) * (effect * weight) * SMatrix::from_diagonal(&std);
     moved * moved.transpose()
 }
 

@@ -223,7 +223,7 @@ impl Intake {
         let square = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>();
         let rates = [square(&moment.sample[0..3]), square(&moment.sample[6..9])];
         let dots = [square(&moment.gyr_dot1), square(&moment.gyr_dot2)];
-        let excitement = rates[0] + rates[1] + ComplexField::sqrt(dots[0]) + ComplexField::sqrt(dots[1]);
+        let excitement = rates[0] + rates[1] + ComplexField::sqrt(dots[0] + dots[1]);
         if self.makes_room(rates[0].max(rates[1]), excitement) {
             self.kept.push(moment);
         }
