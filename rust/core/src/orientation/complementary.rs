@@ -1,0 +1,164 @@
+//! The complementary filter: Algorithm 1 of Remmerswaal et al. 2021, written in one sensor's frame.
+//!
+//! Only the relative orientation enters the cost (eq. 10). With `u = a1 × R a2` in frame 1 the gradient (eq. 13) is
+//! `(−u, Rᵀu)`, its norm `√2·‖u‖`, and eqs 5, 8, 9 and 12 become one quaternion product: half the work of the literal form, and
+//! the same numbers.
+
+use serde::{Deserialize, Serialize};
+
+use super::{
+    algebra::{Quat, add, cross, dot, first_order, mul, nearly_unit, normalize, rotate_back, scale},
+    lane::Lane,
+    method::{Method, Tuning},
+    state::{Moment, State},
+};
+
+/// How the complementary filter works.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Complementary {
+    /// β of eq. 12, rad/s: the speed of the correction.
+    pub beta: f64,
+    /// β is larger by this after a start, rad/s...
+    pub beta_extra: f64,
+    /// ...fading with this time constant, s.
+    pub settle_s: f64,
+    /// The gradient's part about the vertical counts so many times: tilt is seen at every instant, heading only where the
+    /// joint accelerates sideways. 1: as published.
+    pub heading_gain: f64,
+    /// Angle between the two accelerations at which the normalised step has 0.7 of its size, rad: below it noise rules. 0: as
+    /// published.
+    pub soft_angle: f64,
+    /// Feedback of the correction to the gyroscope biases, 1/s. 0: none.
+    pub bias_gain: f64,
+    /// The literal Algorithm 1: the gradient at the previous orientation, and the first-order step of eq. 5b.
+    pub literal: bool,
+}
+
+impl Default for Complementary {
+    fn default() -> Self {
+        Self { beta: 0.1, beta_extra: 0.0, settle_s: 5.0, heading_gain: 8.0, soft_angle: 0.01, bias_gain: 0.0, literal: false }
+    }
+}
+
+/// Below this square of a cross product of accelerations, (m/s²)⁴, there is no direction to correct in.
+const TINY: f64 = 1e-24;
+
+impl Complementary {
+    /// Correction of the two sensors' angular velocities as a rate about `direction` (frame 2), by which sensor 2 turns
+    /// against sensor 1, rad/s.
+    #[inline(always)]
+    fn rate<L: Lane>(&self, s: &State<L>, m: &Moment<L>, seen: [L; 3], along: [L; 3]) -> [L; 3] {
+        // −Rᵀu: turning sensor 2 this way brings its acceleration onto that of sensor 1.
+        let v = cross(m.acc2, seen);
+        let plain = dot(v, v).at_least(L::splat(TINY));
+        let v = add(v, scale(s.up, dot(v, along) * L::splat(self.heading_gain - 1.0)));
+        let size = dot(v, v).at_least(L::splat(TINY));
+        // Each sensor takes β/√2 (eq. 12); together they turn by √2·β.
+        let speed = (L::splat(self.beta) + s.boost) * L::splat(core::f64::consts::SQRT_2);
+        if self.soft_angle > 0.0 {
+            let level = dot(m.acc2, m.acc2) * dot(seen, seen) * L::splat(self.soft_angle * self.soft_angle);
+            return scale(v, speed * (plain / ((plain + level) * size)).sqrt());
+        }
+        scale(v, speed / size.sqrt())
+    }
+
+    /// Both halves of eq. 8 in their frames: what is taken from ω1 and from ω2.
+    #[inline(always)]
+    fn halves<L: Lane>(q: Quat<L>, rate: [L; 3]) -> [[L; 3]; 2] {
+        let half = scale(rate, L::splat(0.5));
+        let [w, x, y, z] = q;
+        [rotate_back([w, -x, -y, -z], half), scale(half, L::splat(-1.0))]
+    }
+}
+
+impl Method for Complementary {
+    const FULL_COVARIANCE: bool = false;
+
+    #[inline(always)]
+    fn begin<L: Lane>(&self, s: &mut State<L>) {
+        s.boost = L::splat(self.beta_extra);
+        let third = (s.p[0] + s.p[3] + s.p[5]) * L::splat(1.0 / 3.0);
+        let zero = L::splat(0.0);
+        s.p = [third, third, zero, zero, zero, zero];
+    }
+
+    #[inline(always)]
+    fn step<L: Lane>(&self, t: &Tuning<L>, s: &mut State<L>, m: &Moment<L>, correct: bool) {
+        let mut m = *m;
+        if self.bias_gain > 0.0 {
+            m.turn1 = add(m.turn1, scale(s.gyr_bias[0], -m.dt));
+            m.turn2 = add(m.turn2, scale(s.gyr_bias[1], -m.dt));
+        }
+        let spread = t.process(L::splat(1.0), &m);
+        s.p[0] = s.p[0] + spread;
+        s.p[1] = s.p[1] + spread;
+        if self.literal {
+            self.literal_step(s, &m, correct);
+        } else {
+            s.turn(m.turn1, m.turn2);
+        }
+        if !correct {
+            s.q = normalize(s.q);
+            return;
+        }
+        let seen = s.expected(&m);
+        let error = [seen[0] - m.acc2[0], seen[1] - m.acc2[1], seen[2] - m.acc2[2]];
+        let error2 = dot(error, error);
+        let (flat2, along) = s.observe(&m, seen, error2);
+        if !self.literal {
+            let rate = self.rate(s, &m, seen, along);
+            if self.bias_gain > 0.0 {
+                self.feed_back(s, rate, m.dt);
+            }
+            s.q = nearly_unit(mul(s.q, first_order(scale(rate, m.dt))));
+            let fade = (m.dt * L::splat(1.0 / self.settle_s)).at_most(L::splat(1.0));
+            s.boost = s.boost - s.boost * fade;
+        }
+        // Two scalar filters tell how much is known: tilt is seen by the whole acceleration, heading by its horizontal part.
+        let [tilt, heading] = [s.p[0], s.p[1]];
+        let level = dot(m.acc2, m.acc2);
+        s.follow_link(&m, error, error2, tilt * level * L::splat(2.0 / 3.0));
+        let noise = s.link_slow_var;
+        let (tilt_sum, heading_sum) = (noise + tilt * level, noise + heading * flat2);
+        let both = noise / (tilt_sum * heading_sum);
+        s.p[0] = tilt * heading_sum * both;
+        s.p[1] = heading * tilt_sum * both;
+    }
+
+    #[inline(always)]
+    fn variance<L: Lane>(&self, s: &State<L>) -> L {
+        s.p[0] + s.p[0] + s.p[1]
+    }
+
+    fn widen<L: Lane>(&self, s: &mut State<L>, variance: L) {
+        s.p[0] = s.p[0] + variance;
+        s.p[1] = s.p[1] + variance;
+    }
+}
+
+impl Complementary {
+    /// Steps 1–4 of Algorithm 1 as printed: the gradient pairs this acceleration with the previous orientation, and eq. 5b adds
+    /// corrected rates to first order.
+    #[inline(always)]
+    fn literal_step<L: Lane>(&self, s: &mut State<L>, m: &Moment<L>, correct: bool) {
+        let (mut turn1, mut turn2) = (m.turn1, m.turn2);
+        if correct {
+            let seen = s.expected(m);
+            let rate = self.rate(s, m, seen, [L::splat(0.0); 3]);
+            let [half1, half2] = Self::halves(s.q, rate);
+            turn1 = add(turn1, scale(half1, -m.dt));
+            turn2 = add(turn2, scale(half2, -m.dt));
+        }
+        let [w, x, y, z] = first_order(turn1);
+        s.q = normalize(mul(mul([w, -x, -y, -z], s.q), first_order(turn2)));
+        s.up = add(s.up, cross(s.up, turn2));
+    }
+
+    /// The mean of a correction that persists is a bias of the gyroscopes: each takes its half.
+    #[inline(always)]
+    fn feed_back<L: Lane>(&self, s: &mut State<L>, rate: [L; 3], dt: L) {
+        let [half1, half2] = Self::halves(s.q, rate);
+        let gain = dt * L::splat(self.bias_gain);
+        s.gyr_bias = [add(s.gyr_bias[0], scale(half1, gain)), add(s.gyr_bias[1], scale(half2, gain))];
+    }
+}

@@ -1,0 +1,75 @@
+//! What the two filters have in common.
+
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+
+use super::{
+    algebra::{dot, scale},
+    lane::Lane,
+    state::{Moment, Noise, State},
+};
+
+/// A filter: how an instant changes what is known.
+pub trait Method: Copy + PartialEq + Serialize + DeserializeOwned + Send + 'static {
+    /// Whether [`State::p`] is a 3×3 matrix.
+    const FULL_COVARIANCE: bool;
+    /// Takes over a state that a start has made.
+    fn begin<L: Lane>(&self, state: &mut State<L>);
+    /// Turns with the gyroscopes and, where `correct`, uses the accelerations.
+    fn step<L: Lane>(&self, tuning: &Tuning<L>, state: &mut State<L>, moment: &Moment<L>, correct: bool);
+    /// Trace of the covariance of the rotation error, rad².
+    fn variance<L: Lane>(&self, state: &State<L>) -> L;
+    /// Adds so much variance about every axis.
+    fn widen<L: Lane>(&self, state: &mut State<L>, variance: L);
+}
+
+/// Noise as the filters use it, worked out once.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tuning<L> {
+    /// Variance of the relative rate from white noise, one axis, (rad/s)².
+    pub rate_var: L,
+    /// Relative drift, rad per √s for each rad/s of turning: gyroscope scale and cross-axis errors, which integrate over a
+    /// swing and undo themselves on the way back.
+    pub scale_noise: L,
+    /// Variance of the link residual to begin with, one axis, (m/s²)².
+    pub link_var: L,
+}
+
+/// Default of [`Tuning::scale_noise`], √s.
+pub const SCALE_NOISE: f64 = 0.0014;
+/// The link residual never scatters less, one axis, (m/s²)².
+pub(crate) const LEAST_LINK_VAR: f64 = 9e-4;
+
+impl Tuning<f64> {
+    /// From the sensors' white noise, the lever arms and the step of the differentiation.
+    pub fn new(noise: &Noise, r1: f64, r2: f64, stencil_s: f64, scale_noise: f64) -> Self {
+        let dot_std = noise.gyr_std * STENCIL_NOISE / stencil_s;
+        let lever = dot_std * dot_std * (r1 * r1 + r2 * r2) * (2.0 / 3.0);
+        let link_var = 2.0 * noise.acc_std * noise.acc_std + lever;
+        Self { rate_var: 2.0 * noise.gyr_std * noise.gyr_std, scale_noise, link_var: link_var.max(LEAST_LINK_VAR) }
+    }
+
+    /// The same in other numbers.
+    #[inline(always)]
+    pub(crate) fn cast<L: Lane>(&self) -> Tuning<L> {
+        Tuning { rate_var: L::splat(self.rate_var), scale_noise: L::splat(self.scale_noise), link_var: L::splat(self.link_var) }
+    }
+}
+
+impl<L: Lane> Tuning<L> {
+    /// Variance that one step adds about every axis; `drift` scales the part that grows with motion.
+    #[inline(always)]
+    pub(crate) fn process(&self, drift: L, m: &Moment<L>) -> L {
+        let turned = dot(m.turn1, m.turn1) + dot(m.turn2, m.turn2);
+        let drift = drift * self.scale_noise;
+        m.dt * m.dt * self.rate_var + drift * drift * (turned + turned) * m.per_dt
+    }
+}
+
+/// Noise of the five-point stencil, in standard deviations of a sample over its step.
+const STENCIL_NOISE: f64 = 0.950;
+
+/// The mean of two vectors.
+#[inline(always)]
+pub(crate) fn mean<L: Lane>(a: [L; 3], b: [L; 3]) -> [L; 3] {
+    scale([a[0] + b[0], a[1] + b[1], a[2] + b[2]], L::splat(0.5))
+}

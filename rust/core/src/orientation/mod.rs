@@ -1,0 +1,35 @@
+//! Relative orientation of two connected sensors, drift-free without a magnetometer: the filters of Remmerswaal et al. 2021.
+//!
+//! | module | holds |
+//! | --- | --- |
+//! | [`lane`] | numbers of one stream, or of several side by side |
+//! | `algebra` | quaternions and symmetric matrices over them |
+//! | [`start`] | the closed form over the first seconds |
+//! | [`state`] | what a filter knows, what an instant tells |
+//! | [`method`] | what the filters share: noise, steps |
+//! | [`complementary`] | Algorithm 1 |
+//! | [`mekf`] | multiplicative extended Kalman filter |
+//! | [`filter`] | samples in, estimates out: delay, gaps, restarts |
+//! | [`run`](mod@run) | whole recordings |
+//! | [`batch`] | many recordings side by side |
+
+mod algebra;
+pub mod batch;
+mod bytes;
+pub mod complementary;
+pub mod filter;
+pub mod lane;
+pub mod mekf;
+pub mod method;
+mod ring;
+pub mod run;
+pub mod start;
+pub mod state;
+
+pub use batch::run_batch;
+pub use complementary::Complementary;
+pub use filter::{Estimate, Filter, Settings, Status};
+pub use mekf::{Mekf, Outliers};
+pub use run::{Signals, run};
+pub use start::start_of;
+pub use state::{Joint, Noise};

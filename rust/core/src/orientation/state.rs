@@ -1,0 +1,213 @@
+//! What a filter knows of one joint, and what one instant tells it.
+
+use serde::{Deserialize, Serialize};
+
+use super::{
+    algebra::{Quat, Sym3, Vec3, add, cross, dot, exp, mul, rotate_back, scale, sub, trace},
+    lane::Lane,
+    method::LEAST_LINK_VAR,
+};
+use crate::Xyz;
+
+/// What calibration knows of the joint and of its two sensors.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Joint {
+    /// From the joint centre to sensor 1 in its frame, m.
+    pub r1: Xyz,
+    /// From the joint centre to sensor 2 in its frame, m.
+    pub r2: Xyz,
+    /// Gyroscope biases, rad/s.
+    pub gyr_bias: [Xyz; 2],
+    /// Accelerometer biases, m/s².
+    pub acc_bias: [Xyz; 2],
+}
+
+/// White noise of one sample of one channel.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Noise {
+    /// Gyroscopes, rad/s.
+    pub gyr_std: f64,
+    /// Accelerometers, m/s².
+    pub acc_std: f64,
+}
+
+impl Default for Noise {
+    fn default() -> Self {
+        Self { gyr_std: 0.004, acc_std: 0.05 }
+    }
+}
+
+/// One instant: how both sensors have turned since the last one, and the acceleration of the joint centre.
+#[derive(Clone, Copy, Debug)]
+pub struct Moment<L> {
+    /// Time since the last instant, s.
+    pub dt: L,
+    /// Its reciprocal, 1/s.
+    pub per_dt: L,
+    /// Rotation vector of sensor 1 over `dt`, in its frame, rad.
+    pub turn1: Vec3<L>,
+    /// The same of sensor 2.
+    pub turn2: Vec3<L>,
+    /// Specific force at the joint centre in the frame of sensor 1, m/s².
+    pub acc1: Vec3<L>,
+    /// The same in the frame of sensor 2.
+    pub acc2: Vec3<L>,
+}
+
+/// `a − ω×(ω×r) − ω̇×r` (eqs 3–4 of Olsson & Halvorsen 2017), of bias-free readings.
+#[inline(always)]
+pub fn at_joint_center<L: Lane>(acc: Vec3<L>, gyr: Vec3<L>, gyr_dot: Vec3<L>, r: Vec3<L>) -> Vec3<L> {
+    sub(acc, add(cross(gyr, cross(gyr, r)), cross(gyr_dot, r)))
+}
+
+/// A filter's estimate. Perturbations act on the right, so errors and covariance are in the frame of sensor 2.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct State<L> {
+    /// Sensor 2 to sensor 1.
+    pub q: Quat<L>,
+    /// Covariance of the rotation error, rad². The complementary filter keeps `[tilt variance, heading variance]` in the
+    /// first two places.
+    pub p: Sym3<L>,
+    /// Recent mean acceleration in the frame of sensor 2: upwards, m/s².
+    pub up: Vec3<L>,
+    /// Mean square of the link residual beyond what the orientation explains, per axis, (m/s²)².
+    pub link_var: L,
+    /// The link residual smoothed over a short while, m/s².
+    pub link_mean: Vec3<L>,
+    /// Its mean square as that of independent samples, per axis, (m/s²)²: what is left of the noise of a sample in the mean
+    /// of many. Neighbours may err alike, or against each other.
+    pub link_slow_var: L,
+    /// Mean square of the horizontal acceleration over the recent past, (m/s²)²: what heading is seen by. It is the smallest
+    /// eigenvalue of the mean of `[a×]ᵀ[a×]` where `up` is the mean direction.
+    pub heading_power: L,
+    /// Mean of the squared link residual and of the squared horizontal accelerations over the last seconds, weighed alike:
+    /// their ratio is near 0 for a good heading and near 1 for an arbitrary one; the second is below 1.
+    pub watch: [L; 2],
+    /// Factor on the drift noise, found from the innovations.
+    pub drift: L,
+    /// Once and twice smoothed corrections, rad.
+    pub memory: [Vec3<L>; 2],
+    /// Mean squares of a correction and of the twice smoothed ones, rad².
+    pub memory_size: [L; 2],
+    /// What is left of the larger gain after a start, rad/s.
+    pub boost: L,
+    /// Gyroscope biases beyond the calibrated, fed back by the complementary filter, rad/s.
+    pub gyr_bias: [Vec3<L>; 2],
+}
+
+impl<L: Lane> State<L> {
+    /// A filter that starts at `q` with the covariance `p`.
+    pub fn new(q: [f64; 4], p: [f64; 6], up: Xyz, link_var: f64) -> Self {
+        let zero = L::splat(0.0);
+        Self {
+            q: q.map(L::splat),
+            p: p.map(L::splat),
+            up: up.map(L::splat),
+            link_var: L::splat(link_var),
+            link_mean: [zero; 3],
+            link_slow_var: L::splat(link_var),
+            heading_power: zero,
+            watch: [zero; 2],
+            drift: L::splat(1.0),
+            memory: [[zero; 3]; 2],
+            memory_size: [zero; 2],
+            boost: zero,
+            gyr_bias: [[zero; 3]; 2],
+        }
+    }
+
+    /// Every number through `f`, together with its counterpart in `other`.
+    #[inline(always)]
+    pub(crate) fn zip_with<K: Lane>(&mut self, other: &mut State<K>, mut f: impl FnMut(&mut L, &mut K)) {
+        let mut go = |a: &mut [L], b: &mut [K]| a.iter_mut().zip(b).for_each(|(a, b)| f(a, b));
+        go(&mut self.q, &mut other.q);
+        go(&mut self.p, &mut other.p);
+        go(&mut self.up, &mut other.up);
+        go(&mut self.link_mean, &mut other.link_mean);
+        go(&mut self.watch, &mut other.watch);
+        go(self.memory.as_flattened_mut(), other.memory.as_flattened_mut());
+        go(&mut self.memory_size, &mut other.memory_size);
+        go(self.gyr_bias.as_flattened_mut(), other.gyr_bias.as_flattened_mut());
+        let rest = [&mut self.link_var, &mut self.link_slow_var, &mut self.heading_power, &mut self.drift, &mut self.boost];
+        let others =
+            [&mut other.link_var, &mut other.link_slow_var, &mut other.heading_power, &mut other.drift, &mut other.boost];
+        for (a, b) in rest.into_iter().zip(others) {
+            f(a, b);
+        }
+    }
+
+    /// `q ← exp(−turn1/2) ⊙ q ⊙ exp(turn2/2)`: eq. 5a of both sensors, seen from sensor 1; what is up turns along.
+    #[inline(always)]
+    pub(crate) fn turn(&mut self, turn1: Vec3<L>, turn2: Vec3<L>) -> Quat<L> {
+        let [w, x, y, z] = exp(turn1);
+        let step2 = exp(turn2);
+        self.q = mul(mul([w, -x, -y, -z], self.q), step2);
+        self.up = sub(self.up, cross(turn2, self.up));
+        step2
+    }
+
+    /// The acceleration of sensor 1 as sensor 2 should see it.
+    #[inline(always)]
+    pub(crate) fn expected(&self, m: &Moment<L>) -> Vec3<L> {
+        rotate_back(self.q, m.acc1)
+    }
+
+    /// Follows the direction of gravity and what tells whether heading is seen and right; `seen` is [`Self::expected`].
+    /// Gives the square of the horizontal acceleration now, and the reciprocal vector of `up`: `up` over its square.
+    #[inline(always)]
+    pub(crate) fn observe(&mut self, m: &Moment<L>, seen: Vec3<L>, error2: L) -> (L, Vec3<L>) {
+        let share = |seconds: f64| (m.dt * L::splat(1.0 / seconds)).at_most(L::splat(1.0));
+        self.up = add(self.up, scale(sub(m.acc2, self.up), share(UP_S)));
+        let up2 = dot(self.up, self.up).at_least(L::splat(1e-12));
+        let along = scale(self.up, L::splat(1.0) / up2);
+        let zero = L::splat(0.0);
+        let flat = |a: Vec3<L>| (dot(a, a) - dot(a, along) * dot(a, self.up)).at_least(zero);
+        let (flat1, flat2) = (flat(seen), flat(m.acc2));
+        self.heading_power = self.heading_power + (flat2 - self.heading_power) * share(POWER_S);
+        // Weighed and bounded, so that one impact counts like any other instant.
+        let flat = flat1 + flat2;
+        let weight = L::splat(1.0) / (flat + L::splat(WATCH_POWER));
+        let [error, seen] = self.watch;
+        let now = error2.at_most(flat + flat) * weight;
+        self.watch = [error + (now - error) * share(WATCH_S), seen + (flat * weight - seen) * share(WATCH_S)];
+        (flat2, along)
+    }
+
+    /// Follows the scatter of the link residual `error`; `explained` is the part per axis that the orientation's own
+    /// uncertainty explains. Bad samples count as [`LINK_JUMP`] times the present value at most.
+    #[inline(always)]
+    pub(crate) fn follow_link(&mut self, m: &Moment<L>, error: Vec3<L>, error2: L, explained: L) {
+        let (one, two) = (L::splat(1.0), L::splat(2.0));
+        let share = (m.dt * L::splat(1.0 / LINK_S)).at_most(one);
+        let follow = |var: L, square: L, explained: L, least: L| {
+            let third = square * L::splat(1.0 / 3.0);
+            let now = (third - explained.at_most(third * L::splat(0.5))).at_most(var * L::splat(LINK_JUMP));
+            (var + (now - var) * share).at_least(least)
+        };
+        self.link_var = follow(self.link_var, error2, explained, L::splat(LEAST_LINK_VAR));
+        let smooth = (m.dt * L::splat(1.0 / LINK_MEAN_S)).at_most(one);
+        self.link_mean = add(self.link_mean, scale(sub(error, self.link_mean), smooth));
+        let as_one = two * (m.per_dt * L::splat(LINK_MEAN_S)).at_least(one) - one; // (2 − s)/s
+        let slow = dot(self.link_mean, self.link_mean) * as_one;
+        self.link_slow_var = follow(self.link_slow_var, slow, explained * as_one, L::splat(LEAST_LINK_VAR * LEAST_SLOW));
+    }
+
+    /// Trace of the covariance of a full 3×3 `p`.
+    pub fn variance(&self) -> L {
+        trace(&self.p)
+    }
+}
+
+/// Time constants, s: of the direction upwards, of the horizontal power, of the watch on the heading, of the link residual.
+const UP_S: f64 = 1.0;
+const POWER_S: f64 = 10.0;
+const WATCH_S: f64 = 4.0;
+/// Horizontal power that counts half in the watch, (m/s²)².
+const WATCH_POWER: f64 = 1.0;
+const LINK_S: f64 = 4.0;
+/// The link residual is smoothed over so long, s.
+const LINK_MEAN_S: f64 = 0.05;
+/// Smoothing takes at most all but this part of the variance.
+const LEAST_SLOW: f64 = 0.1;
+/// One sample may claim at most this many times the present variance of the link.
+const LINK_JUMP: f64 = 9.0;

@@ -1,0 +1,171 @@
+//! What must hold whatever the data.
+
+use imufast_core::orientation::{
+    Complementary, Estimate, Filter, Joint, Mekf, Settings, Signals, Status, method::Method, run, run_batch,
+};
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+
+use crate::data::{BallJoint, Random, Recording, unit};
+
+#[test]
+fn every_sample_has_one_unit_quaternion() {
+    let joint = BallJoint::new(3, 100.0);
+    for count in [0, 1, 2, 4, 5, 6, 50, 1000] {
+        let recording = joint.record(count as f64 / 100.0 + 1e-9);
+        for estimates in [
+            recording.estimates(&joint.settings(), Mekf::default()),
+            recording.estimates(&joint.settings(), Complementary::default()),
+        ] {
+            assert_eq!(estimates.len(), count);
+            for e in estimates {
+                unit(e.q);
+                assert!(e.std > 0.0 && e.std < 4.0);
+            }
+        }
+    }
+}
+
+#[test]
+fn saved_and_restored_it_goes_on_as_if_nothing_had_happened() {
+    fn check<M: Method + core::fmt::Debug>(method: M) {
+        let joint = BallJoint::new(4, 200.0);
+        let recording = joint.record(12.0);
+        let mut whole = Filter::<f64, M>::new(joint.settings(), method);
+        recording.push_all(&mut whole, 0..2400);
+        for cut in [0, 1, 3, 40, 1000, 2399] {
+            let mut first = Filter::<f64, M>::new(joint.settings(), method);
+            recording.push_all(&mut first, 0..cut);
+            let Some(mut second) = Filter::<f64, M>::from_bytes(&first.to_bytes()) else { panic!("cut {cut}") };
+            recording.push_all(&mut second, cut..2400);
+            assert!(second == whole && second.to_bytes() == whole.to_bytes(), "cut {cut}");
+            assert_eq!(second.latest(), whole.latest());
+        }
+    }
+    check(Mekf::default());
+    check(Complementary { bias_gain: 0.01, beta_extra: 1.0, ..Complementary::default() });
+}
+
+#[test]
+fn a_recording_in_a_batch_gives_the_bits_it_gives_alone() {
+    fn check<M: Method>(method: M) {
+        let joints: Vec<BallJoint> = (0..13).map(|k| BallJoint::new(10 + k, if k == 6 { 300.0 } else { 100.0 })).collect();
+        let mut recordings: Vec<Recording> = joints.iter().enumerate().map(|(k, j)| j.record(4.0 + 3.0 * k as f64)).collect();
+        // One lane loses its heading on the way: it must start anew without disturbing the others.
+        for k in 600..recordings[9].xyz[2].len().min(660) {
+            recordings[9].xyz[2][k][1] += 3.0;
+        }
+        recordings[4].xyz[1][777 % 1000] = [f64::NAN; 3];
+        let mut all: Vec<(Settings, Signals<'_>)> =
+            joints.iter().map(BallJoint::settings).zip(recordings.iter().map(Recording::signals)).collect();
+        all[2].1 = recordings[2].timed();
+        let Some(together) = run_batch::<f64, M>(method, &all, &mut || true) else { panic!() };
+        for ((settings, signals), batch) in all.iter().zip(together) {
+            let alone = run::<f64, M>(settings, method, signals, &mut || true).map(|r| r.0);
+            assert!(alone == Some(batch));
+        }
+    }
+    check(Mekf::default());
+    check(Complementary::default());
+    assert!(
+        run_batch::<f64, _>(Mekf::default(), &[(Settings::default(), Signals { xyz: [&[]; 4], time_s: None })], &mut || false)
+            .is_none()
+    );
+}
+
+#[test]
+fn turning_a_sensor_in_its_mounting_turns_the_result() {
+    fn check<M: Method>(method: M) {
+        let joint = BallJoint::new(5, 100.0);
+        let recording = joint.record(15.0);
+        let mut random = Random(6);
+        let mounts: [Rotation3<f64>; 2] = [random.mounting(), random.mounting()];
+        let turned = Recording {
+            xyz: [0, 1, 2, 3].map(|k| recording.xyz[k].iter().map(|v| (mounts[k / 2] * Vector3::from(*v)).into()).collect()),
+            ..recording.clone()
+        };
+        let Joint { r1, r2, .. } = joint.joint;
+        let turned_joint =
+            Joint { r1: (mounts[0] * Vector3::from(r1)).into(), r2: (mounts[1] * Vector3::from(r2)).into(), ..joint.joint };
+        let plain = recording.estimates(&joint.settings(), method);
+        let other = turned.estimates(&Settings { joint: turned_joint, ..joint.settings() }, method);
+        let [m1, m2] = mounts.map(|m| UnitQuaternion::from_rotation_matrix(&m));
+        for (a, b) in plain.iter().zip(&other) {
+            let expected = m1 * unit(a.q) * m2.inverse();
+            assert!(expected.angle_to(&unit(b.q)) < 1e-7, "{}", expected.angle_to(&unit(b.q)));
+            assert!((a.std / b.std - 1.0).abs() < 1e-6);
+        }
+    }
+    check(Mekf::default());
+    check(Complementary::default());
+}
+
+#[test]
+fn swapping_the_sensors_gives_the_inverse() {
+    let joint = BallJoint::new(7, 100.0);
+    let recording = joint.record(15.0);
+    let [a, b, c, d] = recording.xyz.clone();
+    let swapped = Recording { xyz: [c, d, a, b], ..recording.clone() };
+    let Joint { r1, r2, .. } = joint.joint;
+    let settings = Settings { joint: Joint { r1: r2, r2: r1, ..joint.joint }, ..joint.settings() };
+    let plain = recording.estimates(&joint.settings(), Mekf::default());
+    let other = swapped.estimates(&settings, Mekf::default());
+    let worst = plain.iter().zip(&other).map(|(a, b)| unit(a.q).angle_to(&unit(b.q).inverse())).fold(0.0, f64::max);
+    // The gain is worked out from the accelerations of one sensor, whose noise differs.
+    assert!(worst < 0.05, "{worst}");
+}
+
+#[test]
+fn the_latest_estimate_bridges_the_delay() {
+    let joint = BallJoint::new(8, 100.0);
+    let recording = joint.record(20.0);
+    let mut filter = Filter::<f64, _>::new(joint.settings(), Mekf::default());
+    let mut now: Vec<Estimate> = Vec::new();
+    for k in 0..recording.time_s.len() {
+        recording.push_all(&mut filter, k..k + 1);
+        now.push(filter.latest());
+    }
+    let errors = recording.errors(&now);
+    let started = now.iter().position(|e| e.status == Status::Tracking).unwrap_or(0);
+    assert!(started > 0 && started < 1000, "{started}");
+    let rms = (errors[started..].iter().map(Vector3::norm_squared).sum::<f64>() / (errors.len() - started) as f64).sqrt();
+    assert!(rms.to_degrees() < 1.0, "{}", rms.to_degrees());
+    // Later estimates of the same samples, which have seen their accelerations, differ by little.
+    let aligned = recording.estimates(&joint.settings(), Mekf::default());
+    assert!(now[started..].iter().zip(&aligned[started..]).all(|(a, b)| unit(a.q).angle_to(&unit(b.q)) < 3.0 * a.std));
+}
+
+#[test]
+fn single_precision_is_as_good() {
+    for rate_hz in [50.0, 1000.0] {
+        let joint = BallJoint::new(9, rate_hz);
+        let recording = joint.record(20.0);
+        let signals = recording.signals();
+        let double = recording.estimates(&joint.settings(), Mekf::default());
+        let single = run::<f32, _>(&joint.settings(), Mekf::default(), &signals, &mut || true).map_or(Vec::new(), |r| r.0);
+        let worst = double.iter().zip(&single).map(|(a, b)| unit(a.q).angle_to(&unit(b.q))).fold(0.0, f64::max);
+        assert!(worst.to_degrees() < 0.02, "{}", worst.to_degrees());
+        let double = recording.estimates(&joint.settings(), Complementary::default());
+        let single =
+            run::<f32, _>(&joint.settings(), Complementary::default(), &signals, &mut || true).map_or(Vec::new(), |r| r.0);
+        let worst = double.iter().zip(&single).map(|(a, b)| unit(a.q).angle_to(&unit(b.q))).fold(0.0, f64::max);
+        assert!(worst.to_degrees() < 0.02, "{}", worst.to_degrees());
+    }
+}
+
+#[test]
+fn what_is_not_finite_or_not_later_is_passed_over() {
+    let joint = BallJoint::new(9, 100.0);
+    let recording = joint.record(8.0);
+    let mut clean = Filter::<f64, _>::new(joint.settings(), Mekf::default());
+    let mut soiled = clean.clone();
+    for k in 0..800 {
+        let (t, sample) = (recording.time_s[k], recording.signals().sample(k));
+        clean.push(t, &sample);
+        soiled.push(t, &sample);
+        soiled.push(t, &sample);
+        soiled.push(t - 1.0, &sample);
+        soiled.push(f64::NAN, &sample);
+        soiled.push(t + 0.005, &[f64::INFINITY; 12]);
+    }
+    assert_eq!(clean, soiled);
+}
