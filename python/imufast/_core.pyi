@@ -1,6 +1,6 @@
 """Numerical core of imufast, in Rust. Arrays must be C-contiguous float64; lengths are checked, units are not."""
 
-from typing import TypeAlias, final
+from typing import Any, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ __all__ = [
     "HingeFit",
     "HingeRecord",
     "HingeStream",
+    "OrientationFilter",
     "angular_deviation",
     "build_profile",
     "condition",
@@ -20,6 +21,8 @@ __all__ = [
     "hinge_axis",
     "hinge_residuals",
     "select_samples",
+    "track_filter",
+    "track_filter_batch",
 ]
 
 PRESENT_MOVING: int
@@ -306,3 +309,41 @@ def fit_center_linear(
     axis: list[list[float]] | None,
     undetermined_std: float,
 ) -> CenterFit: ...
+
+_Tracked: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]
+_Arrays: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+
+@final
+class OrientationFilter:
+    def __new__(cls, plan: dict[str, Any]) -> OrientationFilter: ...
+    def update(
+        self,
+        gyr1: NDArray[np.float64],
+        acc1: NDArray[np.float64],
+        gyr2: NDArray[np.float64],
+        acc2: NDArray[np.float64],
+        time_s: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.float64]: ...
+    @property
+    def angle_std(self) -> float: ...
+    @property
+    def status(self) -> str: ...
+    @property
+    def heading_power(self) -> float: ...
+    @property
+    def restarts(self) -> int: ...
+    @property
+    def delay_s(self) -> float: ...
+    def state(self) -> bytes: ...
+    @staticmethod
+    def restore(state: bytes) -> OrientationFilter: ...
+
+def track_filter(
+    gyr1: NDArray[np.float64],
+    acc1: NDArray[np.float64],
+    gyr2: NDArray[np.float64],
+    acc2: NDArray[np.float64],
+    time_s: NDArray[np.float64] | None,
+    plan: dict[str, Any],
+) -> tuple[_Tracked, int]: ...
+def track_filter_batch(recordings: list[_Arrays], plans: list[dict[str, Any]]) -> list[_Tracked]: ...

@@ -25,6 +25,7 @@
 //! | [`rest`] | gyroscope bias from rest |
 //! | [`state`] | saved states |
 //! | [`rigid_body`] | lever matrix K(ω, ω̇), joint-centre acceleration, central differences |
+//! | [`orientation`] | relative orientation, Remmerswaal et al. 2021 |
 //! | [`hinge`] | hinge axis, Olsson et al. 2020 |
 //! | [`joint_center`] | joint centre, Olsson & Halvorsen 2017 |
 #![cfg_attr(not(feature = "std"), no_std)]
@@ -34,6 +35,7 @@ pub mod condition;
 pub mod hinge;
 pub mod joint_center;
 pub mod lowpass;
+pub mod orientation;
 pub mod reservoir;
 pub mod rest;
 pub mod rigid_body;

@@ -4,6 +4,7 @@ mod arrays;
 mod blocks;
 mod center;
 mod hinge;
+mod orientation;
 mod select;
 mod signals;
 mod stream;
@@ -17,6 +18,8 @@ mod _core {
     use super::center::{CenterFit, CenterStream, fit_center, fit_center_linear};
     #[pymodule_export]
     use super::hinge::{HingeFit, angular_deviation, hinge_axis, hinge_residuals};
+    #[pymodule_export]
+    use super::orientation::{OrientationFilter, track_filter, track_filter_batch};
     #[pymodule_export]
     use super::select::select_samples;
     #[pymodule_export]

@@ -5,7 +5,7 @@ use alloc::{vec, vec::Vec};
 
 use super::{
     algebra::scale,
-    filter::{Estimate, Filter, Settings, is_finite, looks_wrong, spread},
+    filter::{Estimate, Filter, Settings, looks_wrong, spread},
     lane::{Lane, Real, Wide},
     method::{Method, Tuning, mean},
     ring::{LENGTH, five_points},
@@ -56,7 +56,7 @@ impl<T: Real, M: Method> Passenger<'_, T, M> {
             && f.count == self.position as u64
             && f.done + reach == f.count
             && f.done >= f.stretch.max(f.even) + reach
-            && is_finite(&self.signals.sample(self.position))
+            && f.unbiased(&self.signals.sample(self.position)).iter().fold(T::default(), |sum, x| sum + *x).to_f64().is_finite()
     }
 
     /// Whether both can sit side by side.
@@ -174,10 +174,7 @@ fn together_wide<T: Real, M: Method, const N: usize>(method: M, lanes: &mut [Pas
                 }
             }
         }
-        let finite = |row: &Rows<T, N>| {
-            let sum = row.iter().fold(zero, |sum, x| sum + *x);
-            (sum - sum).0.iter().all(|x| *x == T::default())
-        };
+        let finite = |row: &Rows<T, N>| row.iter().fold(zero, |sum, x| sum + *x).0.iter().all(|x| x.to_f64().is_finite());
         rows.iter().position(|row| !finite(row)).unwrap_or(rows.len())
     };
     fill(&mut rows[..before], lanes, -(before as isize));

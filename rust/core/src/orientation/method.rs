@@ -9,7 +9,7 @@ use super::{
 };
 
 /// A filter: how an instant changes what is known.
-pub trait Method: Copy + PartialEq + Serialize + DeserializeOwned + Send + 'static {
+pub trait Method: Copy + PartialEq + Serialize + DeserializeOwned + Send + Sync + 'static {
     /// Whether [`State::p`] is a 3×3 matrix.
     const FULL_COVARIANCE: bool;
     /// Takes over a state that a start has made.
