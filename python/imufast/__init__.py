@@ -18,6 +18,7 @@ from imufast.center import (
 from imufast.decide import HingeStep, Verdict
 from imufast.deviation import angular_deviation_deg
 from imufast.errors import FileFormatError, ImufastError, ImufastWarning, InputError, MissingFileError, SettingsError, UnitError
+from imufast.filters import Complementary, Mekf, OrientationFilter
 from imufast.hinge import HingeCalibration, HingeCalibrator, calibrate_hinge
 from imufast.imu import Imu, ReadInfo, Recording
 from imufast.io import align, read
@@ -39,7 +40,9 @@ from imufast.simulate import (
     simulate_ball_joint,
     simulate_hinge,
 )
+from imufast.smoother import Smoother
 from imufast.sync import TimeOffset, time_offset
+from imufast.track import RelativeOrientation, TrackStatus, track, track_many
 
 __all__ = [
     "AxisSettings",
@@ -49,6 +52,7 @@ __all__ = [
     "CenterSettings",
     "CenterStatus",
     "Collisions",
+    "Complementary",
     "FileFormatError",
     "HingeAxis",
     "HingeCalibration",
@@ -65,16 +69,21 @@ __all__ = [
     "JointCalibration",
     "JointCenter",
     "JointCenterEstimator",
+    "Mekf",
     "MissingFileError",
     "Motion",
+    "OrientationFilter",
     "ReadInfo",
     "Recording",
+    "RelativeOrientation",
     "SampleSelection",
     "SensorNoise",
     "SettingsError",
+    "Smoother",
     "SoftTissue",
     "SolveStatus",
     "TimeOffset",
+    "TrackStatus",
     "UnitError",
     "Verdict",
     "align",
@@ -94,6 +103,8 @@ __all__ = [
     "simulate_ball_joint",
     "simulate_hinge",
     "time_offset",
+    "track",
+    "track_many",
     "write_json",
     "write_report",
 ]

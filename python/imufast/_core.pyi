@@ -13,6 +13,7 @@ __all__ = [
     "HingeRecord",
     "HingeStream",
     "OrientationFilter",
+    "SmootherFit",
     "angular_deviation",
     "build_profile",
     "condition",
@@ -21,6 +22,7 @@ __all__ = [
     "hinge_axis",
     "hinge_residuals",
     "select_samples",
+    "smooth_orientation",
     "track_filter",
     "track_filter_batch",
 ]
@@ -347,3 +349,43 @@ def track_filter(
     plan: dict[str, Any],
 ) -> tuple[_Tracked, int]: ...
 def track_filter_batch(recordings: list[_Arrays], plans: list[dict[str, Any]]) -> list[_Tracked]: ...
+
+@final
+class SmootherFit:
+    @property
+    def q_12(self) -> NDArray[np.float64]: ...
+    @property
+    def covariance(self) -> NDArray[np.float64]: ...
+    @property
+    def constants(self) -> NDArray[np.float64]: ...
+    @property
+    def constants_covariance(self) -> NDArray[np.float64]: ...
+    @property
+    def status(self) -> str: ...
+    @property
+    def iterations(self) -> int: ...
+    @property
+    def link_std(self) -> float: ...
+    @property
+    def drift_std(self) -> float: ...
+    @property
+    def trust(self) -> float: ...
+
+def smooth_orientation(
+    gyr1: NDArray[np.float64],
+    acc1: NDArray[np.float64],
+    gyr2: NDArray[np.float64],
+    acc2: NDArray[np.float64],
+    time_s: NDArray[np.float64],
+    rate_hz: float,
+    prior_mean: NDArray[np.float64],
+    prior_precision: NDArray[np.float64],
+    window_s: float,
+    key_step_s: float,
+    bridge_s: float,
+    tail: float,
+    drift_std: float | None,
+    link_std: float | None,
+    rest_bias_std: float | None,
+    max_iterations: int,
+) -> SmootherFit: ...

@@ -61,11 +61,8 @@ def settings_from(kind: type[SettingsT], settings: SettingsT | None, keywords: d
     return replace(settings, **keywords) if keywords else settings
 
 
-@dataclass(frozen=True, kw_only=True)
-class Settings:
-    """What all settings share: checks that leave plain values behind."""
-
-    lowpass_hz: float | None = None
+class Checked:
+    """Checks that leave plain values behind in frozen settings."""
 
     def _number(self, name: str, low: float, high: float, *, low_open: bool = False) -> None:
         object.__setattr__(self, name, check_number(name, getattr(self, name), low, high, low_open=low_open))
@@ -76,6 +73,13 @@ class Settings:
     def _flag(self, name: str) -> None:
         if not isinstance(getattr(self, name), bool):
             raise SettingsError(f"{name} must be True or False, got {getattr(self, name)!r}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings(Checked):
+    """What the settings of axis and centre share."""
+
+    lowpass_hz: float | None = None
 
     def _lowpass(self) -> None:
         if self.lowpass_hz is not None:

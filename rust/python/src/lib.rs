@@ -7,6 +7,7 @@ mod hinge;
 mod orientation;
 mod select;
 mod signals;
+mod smoother;
 mod stream;
 
 use pyo3::prelude::*;
@@ -24,6 +25,8 @@ mod _core {
     use super::select::select_samples;
     #[pymodule_export]
     use super::signals::condition;
+    #[pymodule_export]
+    use super::smoother::{SmootherFit, smooth_orientation};
     #[pymodule_export]
     use super::stream::{HingeRecord, HingeStream};
     use super::*;

@@ -12,6 +12,7 @@
 //! | [`filter`] | samples in, estimates out: delay, gaps, restarts |
 //! | [`run`](mod@run) | whole recordings |
 //! | [`batch`] | many recordings side by side |
+//! | [`smoother`] | the most probable orientation over a whole recording |
 
 mod algebra;
 pub mod batch;
@@ -23,6 +24,7 @@ pub mod mekf;
 pub mod method;
 mod ring;
 pub mod run;
+pub mod smoother;
 pub mod start;
 pub mod state;
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from imufast import _core
 from imufast.calibration import JointCalibration
 from imufast.errors import InputError, SettingsError
-from imufast.settings import check_choice, check_number
+from imufast.settings import Checked, check_choice, check_number
 
 __all__ = ["Complementary", "Mekf", "OrientationFilter"]
 
@@ -20,7 +20,7 @@ Array: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
-class FilterSettings:
+class FilterSettings(Checked):
     """What both filters share.
 
     Args:
@@ -49,13 +49,6 @@ class FilterSettings:
     scale_noise: float = 0.0014
     precision: str = "double"
 
-    def _number(self, name: str, low: float, high: float, *, low_open: bool = False) -> None:
-        object.__setattr__(self, name, check_number(name, getattr(self, name), low, high, low_open=low_open))
-
-    def _flag(self, name: str) -> None:
-        if not isinstance(getattr(self, name), bool):
-            raise SettingsError(f"{name} must be True or False, got {getattr(self, name)!r}")
-
     def __post_init__(self) -> None:
         self._flag("midpoint")
         self._flag("restart")
@@ -80,7 +73,7 @@ class FilterSettings:
         Raises:
             InputError: not a calibration, not a rate, not a quaternion.
         """
-        return OrientationFilter(_core.OrientationFilter(_plan(self, calibration, rate_hz, q_12, angle_std_deg)))
+        return OrientationFilter(_core.OrientationFilter(plan(self, calibration, rate_hz, q_12, angle_std_deg)))
 
     def _method(self) -> dict[str, Any]:
         raise NotImplementedError
@@ -186,7 +179,7 @@ TYPICAL_GYR_STD = 0.004
 TYPICAL_ACC_STD = 0.05
 
 
-def _plan(
+def plan(
     settings: FilterSettings, calibration: JointCalibration, rate_hz: float, q_12: ArrayLike | None, angle_std_deg: float
 ) -> dict[str, Any]:
     """What the core needs to know."""

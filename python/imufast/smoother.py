@@ -1,0 +1,136 @@
+"""Settings of the smoother, and what they and a calibration say beforehand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imufast import _core
+from imufast.errors import InputError
+from imufast.settings import Checked
+
+if TYPE_CHECKING:
+    from imufast.calibration import JointCalibration
+    from imufast.imu import Imu
+
+__all__ = ["Smoother", "run_smoother"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Smoother(Checked):
+    """How a whole recording is smoothed: maximum a posteriori over orientations, joint centre and biases together.
+
+    Args:
+        window_s: both sensors' accelerations of the joint centre are compared as averages over windows this long, s. Small
+            follows impacts, large forgives soft tissue and timing. Default 0.2.
+        key_step_s: time between two such comparisons, s. Small costs time in proportion. Default 0.1.
+        bridge_s: gaps up to this length the gyroscopes bridge, s; beyond, only centre and biases are carried across.
+            Default 1.
+        tail: degrees of freedom of the residuals' Student t; small forgives outliers, large trusts all alike. Default 4.
+        link_std: scale of the residuals, m/s²; None: estimated from the recording. Default None.
+        drift_std: what the errors of both gyroscopes add up to, rad/√s; None: estimated. Default None.
+        lever_std: standard deviation of each coordinate of the joint centre beforehand, without a calibration, m. Default 0.5.
+        acc_bias_std: of each accelerometer bias channel beforehand, without a calibration, m/s². Default 0.3; much more lets
+            soft tissue pass for bias.
+        gyr_bias_std: of each gyroscope bias channel beforehand, without a calibration, rad/s. Default 0.02.
+        gyr_bias_rest_std: what is left of it where rest shows the bias, rad/s; None: rest is not looked for. Default 0.002.
+        lever_change_std: how far each coordinate of the centre may be off from a calibration beyond what that says, m: sensors
+            slip. Default 0.01.
+        acc_bias_change_std: likewise of each accelerometer bias channel, m/s²: temperature. Default 0.05.
+        max_iterations: Gauss-Newton iterations. Default 60.
+
+    Raises:
+        SettingsError: a value is out of its range.
+    """
+
+    window_s: float = 0.2
+    key_step_s: float = 0.1
+    bridge_s: float = 1.0
+    tail: float = 4.0
+    link_std: float | None = None
+    drift_std: float | None = None
+    lever_std: float = 0.5
+    acc_bias_std: float = 0.3
+    gyr_bias_std: float = 0.02
+    gyr_bias_rest_std: float | None = 0.002
+    lever_change_std: float = 0.01
+    acc_bias_change_std: float = 0.05
+    max_iterations: int = 60
+
+    def __post_init__(self) -> None:
+        ranges = {
+            "window_s": (1e-3, 10.0),
+            "key_step_s": (1e-3, 10.0),
+            "bridge_s": (1e-3, 60.0),
+            "tail": (0.5, 1e6),
+            "link_std": (1e-6, 1e3),
+            "drift_std": (1e-7, 10.0),
+            "lever_std": (1e-6, 1e3),
+            "acc_bias_std": (1e-6, 1e3),
+            "gyr_bias_std": (1e-7, 10.0),
+            "gyr_bias_rest_std": (1e-7, 10.0),
+            "lever_change_std": (1e-6, 1e3),
+            "acc_bias_change_std": (1e-6, 1e3),
+        }
+        optional = ("link_std", "drift_std", "gyr_bias_rest_std")
+        for name, (low, high) in ranges.items():
+            if name not in optional or getattr(self, name) is not None:
+                self._number(name, low, high)
+        self._count("max_iterations", 1, 100_000)
+
+    def prior(self, calibration: JointCalibration | None) -> tuple[Array, Array]:
+        """Most probable values (18,) and their inverse covariance (18, 18) of r_1, r_2 (from the joint centre to the sensor),
+        accelerometer biases and gyroscope biases beforehand."""
+        mean = np.zeros(18)
+        covariance = np.diag(np.repeat([self.lever_std, self.acc_bias_std, self.gyr_bias_std], 6) ** 2)
+        if calibration is not None:
+            if calibration.center is not None:
+                mean[:6] = -np.concatenate([calibration.center.in_sensor1, calibration.center.in_sensor2])
+                covariance[:6, :6] = _limited(calibration.center.covariance, self.lever_change_std, self.lever_std)
+            mean[6:12] = np.concatenate([calibration.acc_bias1, calibration.acc_bias2])
+            covariance[6:12, 6:12] = _limited(calibration.acc_bias_covariance, self.acc_bias_change_std, self.acc_bias_std)
+            mean[12:] = np.concatenate([calibration.gyr_bias1, calibration.gyr_bias2])
+            covariance[12:, 12:] = max(calibration.gyr_bias_std, 1e-5) ** 2 * np.eye(6)
+        precision = np.linalg.inv(covariance)
+        return mean, np.ascontiguousarray(0.5 * (precision + precision.T))
+
+
+def _limited(covariance: Array, more_std: float, most_std: float) -> Array:
+    """The covariance with `more_std` added to every direction, and no direction less certain than `most_std`."""
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    values = np.minimum(np.maximum(values, 0.0) + more_std**2, max(most_std, more_std) ** 2)
+    return np.asarray((vectors * values) @ vectors.T)
+
+
+def run_smoother(imu1: Imu, imu2: Imu, calibration: JointCalibration | None, settings: Smoother) -> _core.SmootherFit:
+    """The smoothed relative orientation of two sensors on one time base, as the core gives it.
+
+    Raises:
+        InputError: a window of more samples than anything asks for.
+    """
+    if settings.window_s * imu1.rate_hz > 1e5:
+        raise InputError(f"window_s={settings.window_s:g} at {imu1.rate_hz:g} Hz is a window of more than 100 000 samples")
+    mean, precision = settings.prior(calibration)
+    return _core.smooth_orientation(
+        imu1.gyr,
+        imu1.acc,
+        imu2.gyr,
+        imu2.acc,
+        imu1.time_s,
+        imu1.rate_hz,
+        mean,
+        precision,
+        settings.window_s,
+        settings.key_step_s,
+        settings.bridge_s,
+        settings.tail,
+        settings.drift_std,
+        settings.link_std,
+        settings.gyr_bias_rest_std,
+        settings.max_iterations,
+    )

@@ -1,0 +1,296 @@
+"""The relative orientation of two sensors on one joint, drift-free without a magnetometer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from imufast import _core
+from imufast.calibration import JointCalibration, calibrate_joint
+from imufast.center import JointCenter
+from imufast.errors import InputError, SettingsError
+from imufast.filters import Complementary, FilterSettings, Mekf, plan
+from imufast.imu import Imu
+from imufast.pairs import check_pair
+from imufast.smoother import Smoother, run_smoother
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+__all__ = ["RelativeOrientation", "TrackStatus", "track", "track_many"]
+
+Array = NDArray[np.float64]
+Method = Complementary | Mekf | Smoother
+
+METHODS: dict[str, type[Complementary] | type[Mekf] | type[Smoother]] = {
+    "auto": Smoother,
+    "complementary": Complementary,
+    "mekf": Mekf,
+    "smoother": Smoother,
+}
+VAGUE_DEG = 20.0
+"""An orientation less certain than this for most of the time was not observable, degrees."""
+STARTING, TRACKING, COASTING = 0, 1, 2
+"""What a filter says of each sample."""
+
+
+class TrackStatus(str, Enum):
+    """What became of a relative orientation."""
+
+    TRACKED = "TRACKED"
+    """Found, as well as `angle_std_deg` says."""
+    NOT_OBSERVABLE = "NOT_OBSERVABLE"
+    """The motion does not show the orientation: mostly its heading, which takes accelerations of the joint in changing
+    directions; `angle_std_deg` is large accordingly."""
+    STALLED = "STALLED"
+    """The smoother found no way down although one was promised; take the numbers with care."""
+    MAX_ITERATIONS = "MAX_ITERATIONS"
+    """The smoother's iterations ran out."""
+    NUMERICAL_ERROR = "NUMERICAL_ERROR"
+    """The numbers overflow; are they in the right unit?"""
+
+    def __str__(self) -> str:
+        return self.value
+
+
+@dataclass(frozen=True, eq=False)
+class RelativeOrientation:
+    """The orientation of sensor 2 as seen from sensor 1 over time.
+
+    Attributes:
+        time_s: (N,) times of the samples, s.
+        q_12: (N, 4) unit quaternions w x y z that take vectors of sensor frame 2 to sensor frame 1; no sign flips from sample to
+            sample.
+        angle_std_deg: (N,) standard deviation: root of the trace of the 3x3 error covariance, degrees.
+        status: what became of it.
+        covariance: (N, 3, 3) of the error in sensor frame 2, rad² (a rotation vector on the right of q_12); smoother only.
+        calibration: what it was made with; with the smoother centre and biases as found with the orientations.
+        method: its settings.
+        restarts: how often a filter started anew: after long gaps, or because the heading was contradicted.
+        starting_s: how long a filter waited for its start, s; 0 for the smoother.
+        why: what the reader should know, one sentence each.
+        link_std: scale of the residuals of the link constraint, m/s²; smoother only.
+        drift_std: what the errors of both gyroscopes add up to, rad/√s; smoother only.
+        iterations: of the smoother.
+    """
+
+    time_s: Array = field(repr=False)
+    q_12: Array = field(repr=False)
+    angle_std_deg: Array = field(repr=False)
+    status: TrackStatus
+    calibration: JointCalibration = field(repr=False)
+    method: Method
+    covariance: Array | None = field(default=None, repr=False)
+    restarts: int = 0
+    starting_s: float = 0.0
+    why: tuple[str, ...] = ()
+    link_std: float | None = None
+    drift_std: float | None = None
+    iterations: int = 0
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    def as_scipy(self) -> Rotation:
+        """The same as N scipy rotations, which take vectors of sensor frame 2 to sensor frame 1. Needs scipy."""
+        from scipy.spatial.transform import Rotation
+
+        return Rotation.from_quat(self.q_12[:, [1, 2, 3, 0]])
+
+
+def track(
+    imu1: Imu,
+    imu2: Imu,
+    calibration: JointCalibration | None = None,
+    method: str | Method = "auto",
+    *,
+    start: ArrayLike | None = None,
+    start_std_deg: float = 2.0,
+) -> RelativeOrientation:
+    """Follow the relative orientation of two sensors on the segments of one joint: from the gyroscopes, and from the
+    acceleration of the joint centre, which both sensors see (eqs 1-4 of Remmerswaal et al. 2021).
+
+    Args:
+        imu1, imu2: the sensors, same time base; irregular time and gaps are honoured.
+        calibration: of the joint (`calibrate_joint`). Default None: the recording calibrates itself; the smoother finds centre
+            and biases together with the orientations.
+        method: "smoother" (default "auto"; the whole recording at once, most accurate), "mekf" or "complementary" (causal: no
+            estimate uses later samples, but for the start), or their settings: `Smoother(...)`, `Mekf(...)`,
+            `Complementary(...)`.
+        start: (4,) orientation at the first sample, where it is known; filters only. Default None: a closed form finds it.
+        start_std_deg: how well, degrees. Default 2.
+
+    Returns:
+        RelativeOrientation, one unit quaternion a sample. Motion that does not show it is a status and a large
+        `angle_std_deg`, not an exception.
+
+    Raises:
+        InputError: not two Imus of one time base, the same data twice, not a calibration, or a start that is no quaternion.
+        SettingsError: an unknown method.
+    """
+    settings = _settings(method)
+    check_pair(imu1, imu2)
+    _check_calibration(calibration)
+    if isinstance(settings, Smoother):
+        if start is not None:
+            raise InputError("start is for the filters; the smoother needs none")
+        return _smooth(imu1, imu2, calibration, settings)
+    known = calibrate_joint(imu1, imu2) if calibration is None else calibration
+    asked = plan(settings, known, imu1.rate_hz, start, start_std_deg)
+    (q, std, states), restarts = _core.track_filter(imu1.gyr, imu1.acc, imu2.gyr, imu2.acc, imu1.time_s, asked)
+    return _filtered(imu1, q, std, states, restarts, known, settings)
+
+
+def track_many(
+    pairs: Sequence[tuple[Imu, Imu]], calibrations: Sequence[JointCalibration], method: str | Method = "mekf"
+) -> list[RelativeOrientation]:
+    """`track` with a filter for many recordings or joints, side by side in the lanes of the processor: the same bits as one by
+    one, in less time.
+
+    Args:
+        pairs: the two sensors of each joint; sampled evenly, without gaps (others are tracked one by one).
+        calibrations: one each.
+        method: "mekf" (default), "complementary" or their settings; "smoother" runs one by one.
+
+    Raises:
+        InputError, SettingsError: as `track`; lists of different lengths.
+    """
+    settings = _settings(method)
+    pairs, calibrations = list(pairs), list(calibrations)
+    if len(pairs) != len(calibrations):
+        raise InputError(f"pairs has {len(pairs)} entries but calibrations {len(calibrations)}")
+    for (imu1, imu2), calibration in zip(pairs, calibrations, strict=True):
+        check_pair(imu1, imu2)
+        if calibration is None:
+            raise InputError("calibrations must hold a JointCalibration for each pair; calibrate with calibrate_joint")
+        _check_calibration(calibration)
+    if isinstance(settings, Smoother):
+        return [
+            _smooth(imu1, imu2, calibration, settings) for (imu1, imu2), calibration in zip(pairs, calibrations, strict=True)
+        ]
+    even = [k for k, (imu1, _) in enumerate(pairs) if _is_even(imu1)]
+    done: dict[int, RelativeOrientation] = {}
+    if even:
+        plans = [plan(settings, calibrations[k], pairs[k][0].rate_hz, None, 2.0) for k in even]
+        arrays = [(pairs[k][0].gyr, pairs[k][0].acc, pairs[k][1].gyr, pairs[k][1].acc) for k in even]
+        for k, (q, std, states) in zip(even, _core.track_filter_batch(arrays, plans), strict=True):
+            done[k] = _filtered(pairs[k][0], q, std, states, 0, calibrations[k], settings)
+    return [done[k] if k in done else track(*pairs[k], calibrations[k], settings) for k in range(len(pairs))]
+
+
+def _is_even(imu: Imu) -> bool:
+    steps = np.diff(imu.time_s) * imu.rate_hz
+    return bool(np.abs(steps - 1.0).max(initial=0.0) < 1e-6)
+
+
+def _settings(method: object) -> Method:
+    if isinstance(method, (Complementary, Mekf, Smoother)):
+        return method
+    if not isinstance(method, str) or method not in METHODS:
+        raise SettingsError(
+            f"method must be one of {', '.join(map(repr, METHODS))}, or Complementary(...), Mekf(...), Smoother(...); "
+            f"got {method!r}"
+        )
+    return METHODS[method]()
+
+
+def _check_calibration(calibration: object) -> None:
+    if calibration is not None and not isinstance(calibration, JointCalibration):
+        raise InputError(f"calibration must be a JointCalibration or None, got {type(calibration).__name__}")
+
+
+def _filtered(
+    imu: Imu,
+    q: Array,
+    std: Array,
+    states: NDArray[np.uint8],
+    restarts: int,
+    calibration: JointCalibration,
+    settings: FilterSettings,
+) -> RelativeOrientation:
+    std_deg = np.degrees(std)
+    began = np.flatnonzero(states != STARTING)
+    why = []
+    if calibration.center is None:
+        why.append("the joint centre is not known: its acceleration was taken to be that of the sensors")
+    lost = not len(began) or float(np.median(std_deg)) > VAGUE_DEG or calibration.center is None
+    if restarts:
+        why.append(f"the filter started anew {restarts} time{'s' * (restarts > 1)}")
+    if lost and calibration.center is not None:
+        why.append("the joint hardly accelerates sideways: nothing shows the heading")
+    assert isinstance(settings, (Complementary, Mekf))
+    return RelativeOrientation(
+        time_s=imu.time_s,
+        q_12=_continuous(q),
+        angle_std_deg=std_deg,
+        status=TrackStatus.NOT_OBSERVABLE if lost else TrackStatus.TRACKED,
+        calibration=calibration,
+        method=settings,
+        restarts=restarts,
+        starting_s=float(imu.time_s[began[0]] - imu.time_s[0]) if len(began) else imu.duration_s,
+        why=tuple(why),
+    )
+
+
+def _smooth(imu1: Imu, imu2: Imu, calibration: JointCalibration | None, settings: Smoother) -> RelativeOrientation:
+    fit = run_smoother(imu1, imu2, calibration, settings)
+    status = TrackStatus.TRACKED if fit.status == "CONVERGED" else TrackStatus(fit.status)
+    covariance = fit.covariance[:, [0, 3, 4, 3, 1, 5, 4, 5, 2]].reshape(-1, 3, 3)
+    variance = np.trace(covariance, axis1=1, axis2=2)
+    # Beyond half a turn an angle says no more.
+    std_deg = np.minimum(np.degrees(np.sqrt(np.maximum(variance, 0.0))), 180.0)
+    why = () if status is TrackStatus.TRACKED else (WHY.get(status, str(status)),)
+    return RelativeOrientation(
+        time_s=imu1.time_s,
+        q_12=_continuous(fit.q_12),
+        angle_std_deg=std_deg,
+        status=status,
+        calibration=_refined(calibration, fit),
+        method=settings,
+        covariance=covariance,
+        why=why,
+        link_std=fit.link_std,
+        drift_std=fit.drift_std,
+        iterations=fit.iterations,
+    )
+
+
+WHY = {
+    TrackStatus.NOT_OBSERVABLE: "the motion does not show the relative orientation in all directions",
+    TrackStatus.STALLED: "no step lowered the cost although one was promised",
+    TrackStatus.MAX_ITERATIONS: "the iterations ran out before the minimum",
+    TrackStatus.NUMERICAL_ERROR: "the numbers overflow; are they in the right unit?",
+}
+
+
+def _refined(calibration: JointCalibration | None, fit: _core.SmootherFit) -> JointCalibration:
+    """The calibration with centre and biases as the smoother found them."""
+    known = calibration or JointCalibration()
+    x, covariance = fit.constants, fit.constants_covariance
+    if not (np.isfinite(x).all() and np.isfinite(covariance).all()):
+        return known
+    undetermined = np.zeros((0, 6)) if known.center is None else known.center.undetermined
+    gyr_std = math.sqrt(max(float(np.trace(covariance[12:, 12:])) / 6.0, 0.0))
+    changes: dict[str, Any] = {
+        "center": JointCenter(-x[0:3], -x[3:6], covariance[:6, :6], undetermined),
+        "acc_bias1": x[6:9],
+        "acc_bias2": x[9:12],
+        "acc_bias_covariance": covariance[6:12, 6:12],
+        "gyr_bias1": x[12:15],
+        "gyr_bias2": x[15:18],
+        "gyr_bias_std": gyr_std,
+    }
+    return replace(known, **changes)
+
+
+def _continuous(q: Array) -> Array:
+    """The same rotations without sign flips from one sample to the next."""
+    turned = np.einsum("ij,ij->i", q[1:], q[:-1]) < 0.0
+    signs = np.concatenate([[1.0], np.cumprod(np.where(turned, -1.0, 1.0))])
+    return np.ascontiguousarray(q * signs[:, None])
