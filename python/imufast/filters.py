@@ -81,7 +81,7 @@ class FilterSettings(Checked):
 
 @dataclass(frozen=True, kw_only=True)
 class Complementary(FilterSettings):
-    """The complementary filter of Remmerswaal et al. 2021 (Algorithm 1): half the price of the Kalman filter, nearly its accuracy.
+    """The complementary filter of Remmerswaal et al. 2021 (Algorithm 1): half the price of the Kalman filter.
 
     Args:
         beta: speed of the correction (eq. 12), rad/s; small trusts the gyroscopes. Default 0.1.
@@ -253,10 +253,12 @@ class OrientationFilter:
         try:
             return self._update(gyr1, acc1, gyr2, acc2, time_s)  # type: ignore[arg-type]
         except (TypeError, ValueError):
-            arrays = [_as_array(n, a) for n, a in (("gyr1", gyr1), ("acc1", acc1), ("gyr2", gyr2), ("acc2", acc2))]
+            names = ("gyr1", "acc1", "gyr2", "acc2")
+            values = (gyr1, acc1, gyr2, acc2)
+            g1, a1, g2, a2 = (_as_array(name, value) for name, value in zip(names, values, strict=True))
             time = None if time_s is None else np.atleast_1d(_as_array("time_s", time_s))
             try:
-                return self._update(*arrays, time)
+                return self._update(g1, a1, g2, a2, time)
             except ValueError as error:
                 raise InputError(str(error)) from None
 

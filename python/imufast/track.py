@@ -15,7 +15,7 @@ from imufast import _core
 from imufast.calibration import JointCalibration, calibrate_joint
 from imufast.center import JointCenter
 from imufast.errors import InputError, SettingsError
-from imufast.filters import Complementary, FilterSettings, Mekf, plan
+from imufast.filters import Complementary, Mekf, plan
 from imufast.imu import Imu
 from imufast.pairs import check_pair
 from imufast.smoother import Smoother, run_smoother
@@ -65,8 +65,7 @@ class RelativeOrientation:
 
     Attributes:
         time_s: (N,) times of the samples, s.
-        q_12: (N, 4) unit quaternions w x y z that take vectors of sensor frame 2 to sensor frame 1; no sign flips from sample to
-            sample.
+        q_12: (N, 4) unit quaternions w x y z that take vectors of sensor frame 2 to sensor frame 1, without sign flips.
         angle_std_deg: (N,) standard deviation: root of the trace of the 3x3 error covariance, degrees.
         status: what became of it.
         covariance: (N, 3, 3) of the error in sensor frame 2, rad² (a rotation vector on the right of q_12); smoother only.
@@ -224,7 +223,6 @@ def _filtered(
         why.append(f"the filter started anew {restarts} time{'s' * (restarts > 1)}")
     if lost and calibration.center is not None:
         why.append("the joint hardly accelerates sideways: nothing shows the heading")
-    assert isinstance(settings, (Complementary, Mekf))
     return RelativeOrientation(
         time_s=imu.time_s,
         q_12=_continuous(q),
