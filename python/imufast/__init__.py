@@ -6,7 +6,8 @@ Units are SI (rad/s, m/s², s, m); names that end in `_deg` are degrees. Quatern
 from __future__ import annotations
 
 from imufast.axis import HingeAxis, HingeMinimum, JointAxis, SolveStatus, estimate_hinge_axis
-from imufast.calibration import JointCalibration, calibrate_joint
+from imufast.calibrate import calibrate_joint
+from imufast.calibration import JointCalibration
 from imufast.center import (
     CenterEstimate,
     CenterStatus,

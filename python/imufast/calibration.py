@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,28 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imufast.axis import JointAxis
-from imufast.center import CenterEstimate, CenterStatus, JointCenter, estimate_joint_center
+from imufast.center import CenterEstimate, JointCenter
 from imufast.decide import HingeStep, Verdict
 from imufast.errors import InputError
 from imufast.files import write_text
-from imufast.hinge import HingeCalibration, calibrate_hinge
-from imufast.imu import Imu
-from imufast.noise import SensorNoise, sensor_noise
-from imufast.pairs import check_pair
-from imufast.settings import CenterSettings, HingeSettings, check_choice
+from imufast.hinge import HingeCalibration
+from imufast.noise import SensorNoise
 
-__all__ = ["JointCalibration", "calibrate_joint"]
+__all__ = ["JointCalibration"]
 
 Array = NDArray[np.float64]
 
-JOINTS = ("auto", "hinge", "ball")
 SCHEMA = "imufast.joint-calibration"
 SCHEMA_VERSION = 1
 """Raised whenever a name changes its meaning or goes away; new names do not raise it."""
-
-
-LARGEST_STD = 0.05
-"""A ball joint is accepted when its centre is at least as certain as this, m."""
 
 
 def _zeros3() -> Array:
@@ -56,6 +48,7 @@ class JointCalibration:
         gyr_bias_std: standard deviation of each gyroscope bias channel, rad/s. Default 0.0087 (0.5 deg/s).
         acc_bias_covariance: (6, 6) of the stacked accelerometer biases, (m/s²)². Default 0.
         noise: of the sensors and of the joint; None where unknown.
+        rate_ratio: how much the joint turns about its second axis over how much about its first; None where unknown.
         why: what stands in the way of acceptance, in words.
         history: the steps of the hinge's calibration.
         hinge: all that the hinge's calibration found; None by hand, after `load` and where it was not asked.
@@ -76,6 +69,7 @@ class JointCalibration:
     gyr_bias_std: float = 0.0087
     acc_bias_covariance: Array = field(default_factory=lambda: np.zeros((6, 6)), repr=False)
     noise: SensorNoise | None = None
+    rate_ratio: float | None = None
     why: tuple[str, ...] = ()
     history: tuple[HingeStep, ...] = field(default=(), repr=False)
     hinge: HingeCalibration | None = field(default=None, repr=False)
@@ -143,6 +137,7 @@ class JointCalibration:
             "schema_version": SCHEMA_VERSION,
             "verdict": self.verdict.value,
             "accepted": self.accepted,
+            "rate_ratio": self.rate_ratio,
             "why": list(self.why),
             "axis": axis
             and {
@@ -197,6 +192,7 @@ class JointCalibration:
             acc_bias2=plain["acc_bias2_m_s2"],
             acc_bias_covariance=plain["acc_bias_covariance_m2_s4"],
             noise=None if noise is None else SensorNoise(**noise),
+            rate_ratio=plain.get("rate_ratio"),
             why=tuple(str(reason) for reason in plain["why"]),
             history=tuple(HingeStep.from_plain(step) for step in plain["history"]),
         )
@@ -218,90 +214,3 @@ def _verdict(value: object) -> Verdict:
         return Verdict(value)
     except ValueError:
         raise InputError(f"verdict must be one of {', '.join(Verdict)}, got {value!r}") from None
-
-
-def calibrate_joint(
-    imu1: Imu,
-    imu2: Imu,
-    joint: str = "auto",
-    *,
-    hinge_settings: HingeSettings | None = None,
-    center_settings: CenterSettings | None = None,
-) -> JointCalibration:
-    """Find out what a joint is and where: hinge axis (`calibrate_hinge`), centre (`estimate_joint_center`, method "sa"), biases
-    and noise, in one object that everything after it uses.
-
-    Args:
-        imu1, imu2: the sensors on the two segments, same time base. Any mounting.
-        joint: "auto" tells hinges, ball joints and neither apart; "hinge" asks for a hinge and calls nothing else BALL_JOINT;
-            "ball" leaves the axis out.
-        hinge_settings: default `HingeSettings()`.
-        center_settings: default `CenterSettings()`.
-
-    Returns:
-        JointCalibration. Where a strap has slipped, centre and biases are those of the time since. Motion that does not tell
-        is a verdict, not an exception.
-
-    Raises:
-        InputError: not two Imus of one time base, the same data twice, or too few samples.
-        SettingsError: an unknown joint.
-    """
-    check_choice("joint", joint, JOINTS)
-    check_pair(imu1, imu2)
-    hinge = None if joint == "ball" else calibrate_hinge(imu1, imu2, settings=hinge_settings)
-    axis = None if hinge is None else _axis(hinge)
-    if hinge is not None and hinge.mounting_changed_at_s:
-        kept = [imu.between(hinge.mounting_changed_at_s[-1]) for imu in (imu1, imu2)]
-        imu1, imu2 = kept if len(kept[0]) >= 4 else (imu1, imu2)
-    center = estimate_joint_center(
-        imu1, imu2, "sa", axis=axis if hinge is not None and hinge.accepted else None, settings=center_settings
-    )
-    found = center.status in (CenterStatus.CONVERGED, CenterStatus.PARTLY_DETERMINED)
-    verdict, accepted, why = _judge(joint, hinge, center)
-    if verdict in (Verdict.BALL_JOINT, Verdict.NOT_A_HINGE):
-        axis = None
-    noise = replace(sensor_noise(imu1, imu2), link_std=center.residual_std if found else None)
-    none_seen = center.gyr_bias1 is None or center.gyr_bias2 is None
-    settings = (hinge.settings if hinge else hinge_settings) or HingeSettings()
-    return JointCalibration(
-        verdict=verdict,
-        accepted=accepted,
-        axis=axis,
-        center=center if found else None,
-        gyr_bias1=_zeros3() if center.gyr_bias1 is None else center.gyr_bias1,
-        gyr_bias2=_zeros3() if center.gyr_bias2 is None else center.gyr_bias2,
-        acc_bias1=center.acc_bias1 if found else _zeros3(),
-        acc_bias2=center.acc_bias2 if found else _zeros3(),
-        gyr_bias_std=settings.gyr_bias_std if none_seen else settings.gyr_bias_rest_std,
-        acc_bias_covariance=center.acc_bias_covariance if found else np.eye(6) * (center.settings.acc_bias_std or 0.0) ** 2,
-        noise=noise,
-        why=why,
-        history=() if hinge is None else hinge.history,
-        hinge=hinge,
-        estimate=center,
-    )
-
-
-def _axis(hinge: HingeCalibration) -> JointAxis | None:
-    if hinge.axis1 is None or hinge.axis2 is None or hinge.bound95_deg is None or hinge.covariance is None:
-        return None
-    return JointAxis(hinge.axis1, hinge.axis2, hinge.covariance, hinge.bound95_deg)
-
-
-def _judge(joint: str, hinge: HingeCalibration | None, center: CenterEstimate) -> tuple[Verdict, bool, tuple[str, ...]]:
-    """The verdict on the joint from those on its axis and its centre."""
-    determined = center.status is CenterStatus.CONVERGED and float(center.determined_std.max()) < LARGEST_STD
-    if hinge is not None and (joint == "hinge" or hinge.verdict is not Verdict.NOT_A_HINGE):
-        return hinge.verdict, hinge.accepted, hinge.why
-    if determined:
-        return Verdict.BALL_JOINT, True, ()
-    reason = f"the motion leaves {len(center.undetermined)} of 6 directions of the joint centre open"
-    if center.status not in (CenterStatus.CONVERGED, CenterStatus.PARTLY_DETERMINED, CenterStatus.NOT_IDENTIFIABLE):
-        reason = f"the search for the joint centre ended with {center.status}"
-    elif center.status is CenterStatus.CONVERGED:
-        reason = f"the joint centre is certain to {1e3 * float(center.determined_std.max()):.0f} mm only"
-    elif not len(center.undetermined):
-        reason = "no joint centre explains the motion: the sensors may not share a joint"
-    if hinge is None:
-        return Verdict.NOT_ENOUGH_INFORMATION, False, (reason,)
-    return Verdict.NOT_A_HINGE, False, (*hinge.why, reason)

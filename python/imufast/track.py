@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from imufast import _core
-from imufast.calibration import JointCalibration, calibrate_joint
+from imufast.calibrate import calibrate_joint
+from imufast.calibration import JointCalibration
 from imufast.center import JointCenter
 from imufast.errors import InputError, SettingsError
 from imufast.filters import Complementary, Mekf, plan
@@ -211,7 +212,7 @@ def _filtered(
     states: NDArray[np.uint8],
     restarts: int,
     calibration: JointCalibration,
-    settings: FilterSettings,
+    settings: Complementary | Mekf,
 ) -> RelativeOrientation:
     std_deg = np.degrees(std)
     began = np.flatnonzero(states != STARTING)
