@@ -51,8 +51,8 @@ def calibrate_joint(
         center_settings: default `CenterSettings()`.
 
     Returns:
-        JointCalibration. Where misfit and `rate_ratio` contradict each other clearly, the latter settles it. Where a strap has slipped, centre and biases are those of the time since. Motion that does not tell
-        is a verdict, not an exception.
+        JointCalibration. Where misfit and `rate_ratio` contradict each other clearly, the latter settles it. Where a strap has
+        slipped, centre and biases are those of the time since. Motion that does not tell is a verdict, not an exception.
 
     Raises:
         InputError: not two Imus of one time base, the same data twice, or too few samples.
