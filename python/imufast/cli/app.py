@@ -18,7 +18,8 @@ from typing import Any, TextIO, TypeVar
 
 import click
 
-from imufast.calibration import JOINTS, JointCalibration, calibrate_joint
+from imufast.calibrate import JOINTS, calibrate_joint
+from imufast.calibration import JointCalibration
 from imufast.cli import result as print_result
 from imufast.cli import show, truth
 from imufast.errors import ImufastError, ImufastWarning, InputError
