@@ -191,9 +191,11 @@ def plan(
         std = math.radians(check_number("angle_std_deg", angle_std_deg, 0.0, 180.0, low_open=True))
     except SettingsError as error:
         raise InputError(str(error)) from None
-    # White noise of a sample at another rate than the calibration's is taken to be the same.
-    gyr_std = TYPICAL_GYR_STD if noise is None else math.sqrt((noise.gyr_std1**2 + noise.gyr_std2**2) / 2.0)
-    acc_std = TYPICAL_ACC_STD if noise is None else math.sqrt((noise.acc_std1**2 + noise.acc_std2**2) / 2.0)
+    gyr_std, acc_std = TYPICAL_GYR_STD, TYPICAL_ACC_STD
+    if noise is not None:
+        # Seen in a recording without rest they hold motion, which the filter is not to take for noise.
+        gyr_std = min(math.hypot(noise.gyr_std1, noise.gyr_std2) / math.sqrt(2.0), 2.0 * TYPICAL_GYR_STD)
+        acc_std = min(math.hypot(noise.acc_std1, noise.acc_std2) / math.sqrt(2.0), 2.0 * TYPICAL_ACC_STD)
     return {
         "single": settings.precision == "single",
         "rate_hz": rate,

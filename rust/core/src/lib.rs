@@ -21,6 +21,7 @@
 //! | [`so3`] | tangent planes of the unit sphere |
 //! | [`lowpass`] | the one low-pass: a symmetric FIR with stated delay |
 //! | [`condition`] | even time, low-pass, breaks: what comes before any algorithm |
+//! | [`held`] | rows that stand for lost packets |
 //! | [`reservoir`] | bounded memory of an endless stream |
 //! | [`rest`] | gyroscope bias from rest |
 //! | [`state`] | saved states |
@@ -32,6 +33,7 @@
 extern crate alloc;
 
 pub mod condition;
+pub mod held;
 pub mod hinge;
 pub mod joint_center;
 pub mod lowpass;

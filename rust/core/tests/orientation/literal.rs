@@ -71,9 +71,9 @@ struct Literal {
 impl Literal {
     fn time_update(&mut self, rate: [V; 2], t: f64, gyr_std: f64) {
         let mut f = Matrix6::identity();
-        for i in 0..2 {
-            self.q[i] *= UnitQuaternion::from_scaled_axis(rate[i] * t);
-            let turn = UnitQuaternion::from_scaled_axis(-rate[i] * t).to_rotation_matrix();
+        for (i, rate) in rate.into_iter().enumerate() {
+            self.q[i] *= UnitQuaternion::from_scaled_axis(rate * t);
+            let turn = UnitQuaternion::from_scaled_axis(-rate * t).to_rotation_matrix();
             f.fixed_view_mut::<3, 3>(3 * i, 3 * i).copy_from(turn.matrix());
         }
         self.p = f * self.p * f.transpose() + Matrix6::identity() * (t * t * gyr_std * gyr_std);

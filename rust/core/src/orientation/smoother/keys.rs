@@ -12,8 +12,8 @@
 use alloc::vec::Vec;
 use nalgebra::{ComplexField, Matrix3, UnitQuaternion, Vector3};
 
-use super::{held::Filled, kernel::Kernel, kernel::LEAST_REACH};
-use crate::Xyz;
+use super::{kernel::Kernel, kernel::LEAST_REACH};
+use crate::{Xyz, held::Filled};
 
 /// What one sensor says at a key.
 #[derive(Clone, Copy, Debug)]

@@ -9,7 +9,7 @@
 //! constants ([`arrowhead`]), and so are the marginal covariances ([`marginals`]). How much to trust links and gyroscopes is
 //! estimated with the rest ([`noise`]).
 //!
-//! * [`held`], [`kernel`], [`keys`]: lost rows; windows; what the sensors say at the keys
+//! * [`kernel`], [`keys`]: windows; what the sensors say at the keys
 //! * [`residual`], [`assemble`]: residuals with Jacobians; cost and system
 //! * [`arrowhead`], [`marginals`]: solution and covariances
 //! * [`noise`], [`norms`], [`start`]: scales; where to begin
@@ -17,7 +17,6 @@
 
 pub mod arrowhead;
 pub mod assemble;
-pub mod held;
 pub mod kernel;
 pub mod keys;
 pub mod marginals;

@@ -6,7 +6,6 @@ use nalgebra::{ComplexField, UnitQuaternion, Vector3};
 use super::{
     arrowhead::Border,
     assemble::{Prior, Problem, State},
-    held::fill,
     kernel::Kernel,
     keys::{Key, Samples},
     marginals::{chain_marginals, marginals},
@@ -17,7 +16,7 @@ use super::{
     residual::{Constants, GYR_BIASES, triple},
     start::start,
 };
-use crate::{Xyz, condition::BREAK_STEPS, rest::Rest};
+use crate::{Xyz, condition::BREAK_STEPS, held::fill, rest::Rest};
 
 /// Why the descent ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
