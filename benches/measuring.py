@@ -9,7 +9,9 @@ import os
 import platform
 import sys
 import time
+import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -92,6 +94,66 @@ def dfjimu_center() -> DfjimuCenter | None:
         return -np.ravel(r1), -np.ravel(r2)
 
     return center
+
+
+@dataclass(frozen=True)
+class DfjimuOrientation:
+    """dfjimu's filter and smoother from arrays to both orientations, told the lever arms; default settings else."""
+
+    module: Any
+
+    def mekf(self, arrays: Sequence[Array], rate_hz: float, center1: Array, center2: Array) -> tuple[Array, Array]:
+        gyr1, acc1, gyr2, acc2 = arrays
+        start = np.array([1.0, 0.0, 0.0, 0.0])
+        q1, q2 = self.module.mekf_acc(gyr1, gyr2, acc1, acc2, -center1, -center2, rate_hz, start)
+        return q1, q2
+
+    def map(
+        self, arrays: Sequence[Array], rate_hz: float, center1: Array, center2: Array, iterations: int = 10
+    ) -> tuple[Array, Array]:
+        gyr1, acc1, gyr2, acc2 = arrays
+        start, rates, first, link = np.array([1.0, 0.0, 0.0, 0.0]), 0.01 * np.eye(6), 0.1 * np.eye(3), np.eye(3)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that ten iterations are not enough
+            q1, q2 = self.module.map_acc(
+                gyr1, gyr2, acc1, acc2, -center1, -center2, rate_hz, start, rates, first, link, iterations=iterations
+            )
+        return q1, q2
+
+
+@functools.cache
+def dfjimu_orientation() -> DfjimuOrientation | None:
+    """dfjimu's relative orientation, or None, said plainly, where it is missing."""
+    try:
+        import dfjimu
+    except ImportError as error:
+        print(f"The peer dfjimu is missing ({error}): its columns stay empty. pip install 'imufast[bench]'", file=sys.stderr)
+        return None
+    return DfjimuOrientation(dfjimu)
+
+
+def relative(q1: Array, q2: Array) -> Array:
+    """q_12 (N, 4) of two orientations to one frame, scalar first."""
+    (a, b, c, d), (w, x, y, z) = (q1 * [1.0, -1.0, -1.0, -1.0]).T, q2.T
+    rows = [
+        a * w - b * x - c * y - d * z,
+        a * x + b * w + c * z - d * y,
+        a * y - b * z + c * w + d * x,
+        a * z + b * y - c * x + d * w,
+    ]
+    return np.stack(rows, axis=1)
+
+
+def quaternion_errors_deg(q_12: Array, truth: Array) -> Array:
+    """Angle between two orientations, (N,), degrees."""
+    if q_12.shape != truth.shape or not np.isfinite(q_12).all() or np.abs(np.linalg.norm(q_12, axis=1) - 1.0).max() > 1e-6:
+        raise SystemExit("q_12 is not one unit quaternion a sample")
+    off = relative(truth, q_12)
+    return np.asarray(np.degrees(2.0 * np.arctan2(np.linalg.norm(off[:, 1:], axis=1), np.abs(off[:, 0]))))
+
+
+def rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def imus(rate_hz: float, gyr1: Array, acc1: Array, gyr2: Array, acc2: Array) -> tuple[imufast.Imu, imufast.Imu]:

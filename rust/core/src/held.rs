@@ -18,12 +18,6 @@ pub struct Filled {
 /// Copies over longer than this were not lost on the way: a coarse sensor at rest, s.
 const LONGEST_S: f64 = 0.4;
 
-/// Whether a row is a copy of the one before it.
-pub fn any(gyr: &[Xyz], acc: &[Xyz]) -> bool {
-    let copies = |v: &[Xyz], k: usize| v[k] == v[k - 1];
-    (1..gyr.len().min(acc.len())).any(|k| copies(gyr, k) && copies(acc, k))
-}
-
 /// Replaces copies of an earlier row by the straight line from that row to the next fresh one. The row that is copied did
 /// arrive: on recordings with lost packets the likelihood tells that it stays and the copies go.
 pub fn fill(time_s: &[f64], gyr: &[Xyz], acc: &[Xyz]) -> Filled {

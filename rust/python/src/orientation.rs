@@ -4,7 +4,6 @@ use std::sync::{Mutex, MutexGuard};
 
 use imufast_core::{
     PairSample, Xyz,
-    held::{self, Filled},
     orientation::{
         Complementary, Estimate, Filter as Core, Joint, Mekf, Noise, Outliers, Settings, Signals, Status, method::Method, run,
         run_batch,
@@ -320,10 +319,8 @@ pub fn track_filter<'py>(
     let xyz = pair([&gyr1, &acc1, &gyr2, &acc2])?;
     let [first, ..] = xyz;
     let time_s = time_s.as_ref().map(|t| vector(t, first.len(), "time_s")).transpose()?;
-    let received = Signals { xyz, time_s };
-    check(&received)?;
-    let repaired = Repaired::new(&received, plan.rate_hz);
-    let signals = repaired.signals(&received);
+    let signals = Signals { xyz, time_s };
+    check(&signals)?;
     let settings = plan.settings()?;
     fn go<T: imufast_core::orientation::lane::Real, M: Method>(
         py: Python<'_>,
@@ -342,29 +339,6 @@ pub fn track_filter<'py>(
     };
     let (estimates, restarts) = done.ok_or_else(stopped)?;
     Ok((tracked(py, estimates)?, restarts))
-}
-
-/// Both sensors with the rows filled in that stand for lost packets; None where nothing was lost.
-struct Repaired([Option<Filled>; 2]);
-
-impl Repaired {
-    fn new(signals: &Signals<'_>, rate_hz: f64) -> Self {
-        let [gyr1, acc1, gyr2, acc2] = signals.xyz;
-        Self([(gyr1, acc1), (gyr2, acc2)].map(|(gyr, acc)| {
-            held::any(gyr, acc).then(|| match signals.time_s {
-                Some(time_s) => held::fill(time_s, gyr, acc),
-                None => held::fill(&(0..gyr.len()).map(|k| k as f64 / rate_hz).collect::<Vec<_>>(), gyr, acc),
-            })
-        }))
-    }
-
-    fn signals<'a>(&'a self, received: &Signals<'a>) -> Signals<'a> {
-        let Self([one, two]) = self;
-        let [gyr1, acc1, gyr2, acc2] = received.xyz;
-        let pair = |filled: &'a Option<Filled>, gyr, acc| filled.as_ref().map_or((gyr, acc), |f| (&*f.gyr, &*f.acc));
-        let ((gyr1, acc1), (gyr2, acc2)) = (pair(one, gyr1, acc1), pair(two, gyr2, acc2));
-        Signals { xyz: [gyr1, acc1, gyr2, acc2], time_s: received.time_s }
-    }
 }
 
 /// What a filter would pass over in silence is an error here.
@@ -396,14 +370,12 @@ pub fn track_filter_batch<'py>(
     if plans.len() != recordings.len() {
         return Err(PyValueError::new_err(format!("{} recordings but {} plans", recordings.len(), plans.len())));
     }
-    let (mut received, mut settings) = (Vec::with_capacity(plans.len()), Vec::with_capacity(plans.len()));
+    let mut all = Vec::with_capacity(plans.len());
     for ((gyr1, acc1, gyr2, acc2), plan) in recordings.iter().zip(&plans) {
         let signals = Signals { xyz: pair([gyr1, acc1, gyr2, acc2])?, time_s: None };
         check(&signals)?;
-        received.push((signals, Repaired::new(&signals, plan.rate_hz)));
-        settings.push(plan.settings()?);
+        all.push((plan.settings()?, signals));
     }
-    let all: Vec<_> = settings.into_iter().zip(&received).map(|(s, (signals, r))| (s, r.signals(signals))).collect();
     let mut go_on = || Python::attach(|py| py.check_signals()).is_ok();
     let (complementary, mekf) = (first.complementary(), first.mekf()?);
     let done = match first.kind()? {

@@ -55,8 +55,18 @@ impl<T: Real, M: Method> Passenger<'_, T, M> {
             && f.start.is_none()
             && f.count == self.position as u64
             && f.done + reach == f.count
-            && f.done >= f.stretch.max(f.even) + reach
+            && f.done >= f.stretch.max(f.even).max(f.unrepaired) + reach
+            && f.mended_before(f.done.saturating_sub(reach))
+            && !self.repeats(self.position)
             && f.unbiased(&self.signals.sample(self.position)).iter().fold(T::default(), |sum, x| sum + *x).to_f64().is_finite()
+    }
+
+    /// Whether a sensor's row repeats the one before: a lost packet, which only a filter on its own mends.
+    fn repeats(&self, position: usize) -> bool {
+        let Some(before) = position.checked_sub(1) else { return false };
+        let [gyr1, acc1, gyr2, acc2] = self.signals.xyz;
+        let same = |x: &[crate::Xyz]| x.get(position) == x.get(before);
+        (same(gyr1) && same(acc1)) || (same(gyr2) && same(acc2))
     }
 
     /// Whether both can sit side by side.
@@ -175,7 +185,8 @@ fn together_wide<T: Real, M: Method, const N: usize>(method: M, lanes: &mut [Pas
             }
         }
         let finite = |row: &Rows<T, N>| row.iter().fold(zero, |sum, x| sum + *x).0.iter().all(|x| x.to_f64().is_finite());
-        rows.iter().position(|row| !finite(row)).unwrap_or(rows.len())
+        let fresh = |j: usize| from < 0 || lanes.iter().all(|lane| !lane.repeats(lane.position + from as usize + j));
+        (0..rows.len()).position(|j| !(finite(&rows[j]) && fresh(j))).unwrap_or(rows.len())
     };
     fill(&mut rows[..before], lanes, -(before as isize));
     let mut done = 0;

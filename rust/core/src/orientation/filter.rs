@@ -7,7 +7,7 @@ use super::{
     algebra::{Quat, Vec3, exp, mul, normalize, scale},
     lane::{Lane, Real},
     method::{Method, Tuning, mean},
-    ring::{EVEN, Ring, stencil_step},
+    ring::{EVEN, LENGTH, Ring, stencil_step},
     start::Start,
     state::{Joint, Moment, Noise, State, at_joint_center},
 };
@@ -155,6 +155,12 @@ pub struct Filter<T, M> {
     pub(super) done: u64,
     pub(super) stretch: u64,
     pub(super) even: u64,
+    /// Latest rows of each sensor that are copies of the one before: packets that were lost. Before this sample there are
+    /// copies that could not be repaired any more.
+    lost: [u64; 2],
+    pub(super) unrepaired: u64,
+    /// Before this sample there are rows that were mended.
+    mended: u64,
 }
 
 /// From one sample to the next.
@@ -190,6 +196,9 @@ impl<T: Real, M: Method> Filter<T, M> {
             done: 0,
             stretch: 0,
             even: 0,
+            lost: [0; 2],
+            unrepaired: 0,
+            mended: 0,
         }
     }
 
@@ -225,15 +234,48 @@ impl<T: Real, M: Method> Filter<T, M> {
                 self.even = number;
             }
         }
-        self.ring.put(number, time_s, &self.unbiased(sample));
+        let sample = self.unbiased(sample);
+        self.ring.put(number, time_s, &sample);
+        self.mend(number, &sample);
         self.count += 1;
         let delay = self.delay_samples();
         while self.done + delay < self.count {
-            let correct = self.done >= self.stretch + delay;
+            let correct = self.done >= self.stretch.max(self.unrepaired) + delay && self.lost == [0; 2];
             let number = self.done;
             let estimate = self.advance(correct);
             sink(number, estimate);
         }
+    }
+
+    /// Receivers repeat the last row for packets that were lost. Once the next fresh row is here, the copies that still wait to
+    /// be worked in become the straight line to it.
+    #[inline(always)]
+    fn mend(&mut self, number: u64, sample: &[T; 12]) {
+        let Some(last) = number.checked_sub(1) else { return };
+        for sensor in 0..2 {
+            if self.ring.has(last, sensor, sample) {
+                self.lost[sensor] += 1;
+                // So long a standstill is believed.
+                if self.lost[sensor] as f64 > (LONGEST_LOSS_S * self.settings.rate_hz).min(LENGTH as f64 / 2.0) {
+                    self.lost[sensor] = 0;
+                }
+            } else if self.lost[sensor] > 0 {
+                let fresh = last - self.lost[sensor];
+                for k in (fresh + 1).max(self.done)..number {
+                    self.ring.bridge(k, fresh, number, sensor);
+                }
+                if fresh + 1 < self.done {
+                    self.unrepaired = self.done;
+                }
+                self.mended = number;
+                self.lost[sensor] = 0;
+            }
+        }
+    }
+
+    /// Whether no row from `number` on was mended or is waiting to be: what a recording holds is then what the ring holds.
+    pub(super) fn mended_before(&self, number: u64) -> bool {
+        self.lost == [0; 2] && self.mended <= number
     }
 
     /// Works in the samples that wait for neighbours that will not come, by the gyroscopes alone.
@@ -248,7 +290,11 @@ impl<T: Real, M: Method> Filter<T, M> {
     #[inline(always)]
     pub(super) fn unbiased(&self, sample: &PairSample) -> [T; 12] {
         let bias = self.bias();
-        core::array::from_fn(|k| T::splat(sample[k] - bias[k]))
+        let mut unbiased = [T::default(); 12];
+        for k in 0..12 {
+            unbiased[k] = T::splat(sample[k] - bias[k]);
+        }
+        unbiased
     }
 
     /// What calibration takes from a sample.
@@ -268,12 +314,13 @@ impl<T: Real, M: Method> Filter<T, M> {
         let dt = self.ring.time(number) - self.ring.time(before);
         let even = ComplexField::abs(dt * self.settings.rate_hz - 1.0) <= EVEN;
         let (dt, per_dt) = if even { (self.step_s, self.settings.rate_hz) } else { (dt, 1.0 / dt) };
-        let [turn1, turn2] = [0, 1].map(|sensor| {
+        // Two calls, not a map over an array: that would not be inlined.
+        let turn = |sensor: usize| {
             let now = self.ring.gyr(number, sensor);
             let rate = if self.settings.midpoint { mean(self.ring.gyr(before, sensor), now) } else { now };
             scale(rate, T::splat(dt))
-        });
-        Step { dt, per_dt, turn1, turn2 }
+        };
+        Step { dt, per_dt, turn1: turn(0), turn2: turn(1) }
     }
 
     /// Acceleration of the joint centre at `number`, whose neighbours are there.
@@ -281,14 +328,16 @@ impl<T: Real, M: Method> Filter<T, M> {
     fn accelerations(&self, number: u64) -> [Vec3<T>; 2] {
         let even = number >= self.even + 2 * self.step;
         let per = T::splat(self.per);
-        [(0, self.settings.joint.r1), (1, self.settings.joint.r2)].map(|(sensor, r)| {
+        let acceleration = |sensor: usize, [x, y, z]: Xyz| {
             let gyr_dot = if even {
                 self.ring.gyr_dot(number, sensor, self.step, per)
             } else {
                 self.ring.gyr_dot_uneven(number, sensor, self.step)
             };
-            at_joint_center(self.ring.acc(number, sensor), self.ring.gyr(number, sensor), gyr_dot, r.map(T::splat))
-        })
+            let r = [T::splat(x), T::splat(y), T::splat(z)];
+            at_joint_center(self.ring.acc(number, sensor), self.ring.gyr(number, sensor), gyr_dot, r)
+        };
+        [acceleration(0, self.settings.joint.r1), acceleration(1, self.settings.joint.r2)]
     }
 
     /// Works in the next sample.
@@ -357,7 +406,7 @@ impl<T: Real, M: Method> Filter<T, M> {
     /// Starts anew where the two sensors' horizontal accelerations say that the heading is wrong.
     #[inline(always)]
     pub(super) fn watch(&mut self) {
-        let [error, power] = self.state.watch.map(T::to_f64);
+        let [error, power] = [self.state.watch[0].to_f64(), self.state.watch[1].to_f64()];
         let broken = !(error + self.state.q[0].to_f64()).is_finite();
         let wrong = looks_wrong(error, power) && self.settings.restart && self.tracking_s > WRONG_AFTER_S;
         if wrong || broken {
@@ -368,7 +417,9 @@ impl<T: Real, M: Method> Filter<T, M> {
 
     #[inline(always)]
     pub(super) fn estimate(&self) -> Estimate {
-        Self::judged(self.state.q.map(T::to_f64), spread(&self.method, &self.state).to_f64())
+        let [w, x, y, z] = self.state.q;
+        let q = [w.to_f64(), x.to_f64(), y.to_f64(), z.to_f64()];
+        Self::judged(q, spread(&self.method, &self.state).to_f64())
     }
 
     #[inline(always)]
@@ -447,6 +498,9 @@ impl<T: Real, M: Method> Filter<T, M> {
             && self.count - self.done <= self.delay_samples()
             && self.stretch <= self.count
             && self.even <= self.count
+            && self.unrepaired <= self.count
+            && self.mended <= self.count
+            && self.lost.iter().all(|lost| *lost < self.count.max(1) && *lost <= LENGTH)
             && self.start.is_none_or(|s| s.is_sound())
     }
 }
@@ -459,6 +513,8 @@ fn gap_variance<T: Real>(step: &Step<T>) -> f64 {
     (std * std).min(core::f64::consts::PI * core::f64::consts::PI / 3.0)
 }
 
+/// Copies over longer than this are no lost packets but a coarse sensor at rest, s.
+const LONGEST_LOSS_S: f64 = 0.4;
 /// In a gap of `t` seconds between rates of `ω` the orientation is uncertain by about this times `ω t³`, 1/s²: a motion of 2 Hz
 /// integrated by its ends.
 const UNEVENNESS: f64 = 13.0;

@@ -62,6 +62,30 @@ impl<T: Real> Ring<T> {
         [s[from], s[from + 1], s[from + 2]]
     }
 
+    /// Whether the row of a sensor is the same in all six channels.
+    #[inline(always)]
+    pub fn has(&self, number: u64, sensor: usize, sample: &[T; 12]) -> bool {
+        let (block, place) = Self::place(number);
+        let (held, new) = (&self.samples[block][place], sample);
+        let from = 6 * sensor;
+        held[from] == new[from] && (1..6).all(|k| held[from + k] == new[from + k])
+    }
+
+    /// Replaces the row of a sensor by the straight line between two others.
+    pub fn bridge(&mut self, number: u64, before: u64, after: u64, sensor: usize) {
+        let share = (self.time(number) - self.time(before)) / (self.time(after) - self.time(before));
+        let at = |number: u64, k: usize| {
+            let (block, place) = Self::place(number);
+            self.samples[block][place][6 * sensor + k]
+        };
+        let mut row = [T::default(); 6];
+        for (k, value) in row.iter_mut().enumerate() {
+            *value = at(before, k) + (at(after, k) - at(before, k)) * T::splat(share);
+        }
+        let (block, place) = Self::place(number);
+        self.samples[block][place][6 * sensor..6 * sensor + 6].copy_from_slice(&row);
+    }
+
     /// Rate of sensor `0` or `1`.
     #[inline(always)]
     pub fn gyr(&self, number: u64, sensor: usize) -> Vec3<T> {

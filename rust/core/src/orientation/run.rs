@@ -34,7 +34,9 @@ impl Signals<'_> {
     /// One sample; zeros beyond the end.
     #[inline(always)]
     pub fn sample(&self, k: usize) -> PairSample {
-        let [[a, b, c], [d, e, f], [g, h, i], [j, l, m]] = self.xyz.map(|x| x.get(k).copied().unwrap_or_default());
+        let at = |x: &[Xyz]| x.get(k).copied().unwrap_or_default();
+        let [gyr1, acc1, gyr2, acc2] = self.xyz;
+        let ([a, b, c], [d, e, f], [g, h, i], [j, l, m]) = (at(gyr1), at(acc1), at(gyr2), at(acc2));
         [a, b, c, d, e, f, g, h, i, j, l, m]
     }
 

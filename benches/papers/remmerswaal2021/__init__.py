@@ -1,0 +1,1 @@
+"""The evaluation of Remmerswaal et al. 2021 by simulation."""
