@@ -1,6 +1,8 @@
 # Everything sets itself up: a virtual environment in .venv, its packages, and a release build of the Rust core.
 PYTHON ?= python3
 BIN := .venv/bin
+# A static library without std: what a wearable links.
+EMBEDDED := rust/examples/embedded/Cargo.toml
 RUST := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name Cargo.toml)
 
 .DEFAULT_GOAL := help
@@ -29,10 +31,12 @@ demo: .venv/.built
 
 test: .venv/.built
 	cargo test --quiet --locked -p imufast-core
+	cargo build --quiet --locked --release --manifest-path $(EMBEDDED) --target-dir target/embedded
 	$(BIN)/python -m pytest -m "not slow"
 
 test-all: .venv/.built
 	cargo test --quiet --locked -p imufast-core
+	cargo build --quiet --locked --release --manifest-path $(EMBEDDED) --target-dir target/embedded
 	$(BIN)/python -m pytest
 
 bench: .venv/.bench
@@ -41,8 +45,10 @@ bench: .venv/.bench
 	$(BIN)/python benches/lowpass.py
 	$(BIN)/python benches/stream.py
 	$(BIN)/python benches/center.py
+	$(BIN)/python benches/orientation.py
 	$(BIN)/python benches/papers/olsson2017/run.py
 	$(BIN)/python benches/papers/olsson2020/run.py
+	$(BIN)/python benches/papers/remmerswaal2021/run.py
 
 lint: .venv/.built
 	$(BIN)/ruff check .

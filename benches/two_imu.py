@@ -1,12 +1,13 @@
-"""imufast beside its peers on real recordings: axis and centre of a mechanical joint with optical truth, and a walking
-person's knees.
+"""imufast beside its peers on real recordings: axis, centre and relative orientation of a mechanical joint with optical truth,
+and a walking person's knees.
 
     python benches/two_imu.py [--markdown] [--rounds 7] [--starts 20]
 
 Default settings on both sides, same arrays, same run; no setting is chosen for a file. Recordings: `two_imu_joint` and
 `lower_body` in the folder IMUFAST_DATA (else ../shared/data). Errors are the worse of both axes; times are medians of
 interleaved runs, from checked sensors (imufast) or arrays (qmt) to the axes. qmt neither judges nor accepts: it is given what
-imufast had seen. Errors of joint centres are means of both sensors, for hinges without the axis direction.
+imufast had seen. Errors of joint centres are means of both sensors, for hinges without the axis direction. Orientations are
+scored over whole recordings, starts included, against an optical reference whose own noise is about 0.25 degrees.
 """
 
 from __future__ import annotations
@@ -24,12 +25,16 @@ from measuring import (
     QmtHinge,
     data_folder,
     dfjimu_center,
+    dfjimu_orientation,
     imus,
     interleaved,
     one_core,
     pair_error_deg,
     qmt_hinge,
+    quaternion_errors_deg,
     refuse_debug_build,
+    relative,
+    rms,
     setting,
     table,
 )
@@ -265,6 +270,68 @@ def center_error_mm(rec: dict[str, Array], center1: Array, center2: Array) -> fl
     return 1e3 * statistics.fmean(across(rec, i, center - rec[f"joint_in_sensor{i}_optical"]) for i, center in pairs)
 
 
+ORIENTATION_HEADINGS = (
+    "recording",
+    "smoother, °",
+    "mekf",
+    "complementary",
+    "self-calibrating smoother",
+    "dfjimu MAP",
+    "dfjimu MEKF",
+    *(f"{name}, stated over actual" for name in ("smoother", "mekf", "complementary")),
+    "without the first 10 s: mekf, °",
+    "complementary",
+    "dfjimu MEKF",
+)
+ORIENTATION_METHODS = ("smoother", "mekf", "complementary")
+REFERENCE_STD_DEG, SETTLED_S = 0.25, 10.0
+
+
+def orientation_rows(paths: Sequence[Path]) -> list[list[str | None]]:
+    """Errors of the relative orientation a recording, and how they compare with what is stated; means and worst. Every method
+    but the self-calibrating one takes `calibrate_joint` of the same recording, dfjimu its own lever arms."""
+    lever_arms, peer = dfjimu_center(), dfjimu_orientation()
+    rows: list[list[str | None]] = []
+    numbers: list[list[float | None]] = []
+    for path in paths:
+        with np.load(path) as z:
+            rec = {name: z[name] for name in z.files}
+        rate_hz, arrays = float(rec["rate_hz"]), [np.ascontiguousarray(rec[name], np.float64) for name in ARRAYS]
+        valid = rec["reference_valid"].astype(bool)
+        late = valid & (np.arange(len(valid)) >= SETTLED_S * rate_hz)
+        pair = imus(rate_hz, *arrays)
+        calibration = imufast.calibrate_joint(*pair)
+        tracked = [imufast.track(*pair, calibration, method) for method in ORIENTATION_METHODS]
+        off = [quaternion_errors_deg(t.q_12, rec["q_12_reference"]) for t in tracked]
+        values: list[float | None] = [rms(errors[valid]) for errors in off]
+        values.append(rms(quaternion_errors_deg(imufast.track(*pair).q_12, rec["q_12_reference"])[valid]))
+        their_late: float | None = None
+        if lever_arms is not None and peer is not None:
+            gyr1, acc1, gyr2, acc2 = arrays
+            centers = lever_arms(gyr1, acc1, gyr2, acc2, rate_hz)
+            smoothed, filtered = (
+                quaternion_errors_deg(relative(*run(arrays, rate_hz, *centers)), rec["q_12_reference"])
+                for run in (peer.map, peer.mekf)
+            )
+            values += [rms(smoothed[valid]), rms(filtered[valid])]
+            their_late = rms(filtered[late])
+        else:
+            values += [None, None]
+        for t, errors in zip(tracked, off, strict=True):
+            stated = np.sqrt(np.mean(t.angle_std_deg[valid] ** 2) + REFERENCE_STD_DEG**2)
+            values.append(float(stated / rms(errors[valid])))
+        values += [rms(off[1][late]), rms(off[2][late]), their_late]
+        numbers.append(values)
+        rows.append([path.stem, *(None if v is None else f"{v:.2f}" for v in values)])
+    columns = [[v for v in column if v is not None] for column in zip(*numbers, strict=True)]
+    for name, how in (("mean", statistics.fmean), ("worst", max)):
+        summary = [f"{how(column):.2f}" if column else None for column in columns]
+        if name == "worst":  # of a ratio that should be 1 the least is worst: too sure
+            summary[6:9] = [f"{min(column):.2f}" for column in columns[6:9]]
+        rows.append([name, *summary])
+    return rows
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--markdown", action="store_true", help="print the table for README")
@@ -298,6 +365,11 @@ def main() -> None:
         print(table(OTHER_HEADINGS, [other_row(joint, starts) for joint in others], markdown=chosen.markdown), end=gap)
     print("Joint centre from all samples: error against optics, for hinges (1D) without the axis direction.", end=gap)
     print(table(CENTER_HEADINGS, center_rows(paths, max(1, chosen.rounds)), markdown=chosen.markdown), end=gap)
+    print(
+        "Relative orientation over whole recordings: error against optics, RMS, and what is stated over it (1 is honest).",
+        end=gap,
+    )
+    print(table(ORIENTATION_HEADINGS, orientation_rows(paths), markdown=chosen.markdown), end=gap)
     walk = folder / "lower_body" / "full_body_walk.npz"
     if walk.exists():
         print(

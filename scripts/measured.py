@@ -2,7 +2,7 @@
 
     python scripts/measured.py [BENCH ...]
 
-All benches take about twenty minutes; with names, only those are run anew and what the others printed before stays.
+All benches take about half an hour; with names, only those are run anew and what the others printed before stays.
 """
 
 from __future__ import annotations
@@ -16,8 +16,10 @@ BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
 BENCHES = (
     "benches/two_imu.py",
     "benches/center.py",
+    "benches/orientation.py",
     "benches/papers/olsson2017/run.py",
     "benches/papers/olsson2020/run.py",
+    "benches/papers/remmerswaal2021/run.py",
     "benches/stream.py",
     "benches/speed.py",
 )
