@@ -61,19 +61,20 @@ def test_the_commands_in_readme_exist() -> None:
 def test_settings_in_the_documents_have_their_true_defaults(path: Path) -> None:
     # A table of settings belongs to the class that was named last before it.
     text = path.read_text(encoding="utf-8")
+    kinds = "`(AxisSettings|HingeSettings|CenterSettings|Smoother|Mekf|Complementary)`"
     for table in re.finditer(r"^\| setting \| default \|.*\n(?:\|.*\n)+", text, re.MULTILINE):
-        kind = re.findall(r"`(AxisSettings|HingeSettings|CenterSettings)`", text[: table.start()])[-1]
+        kind = re.findall(kinds, text[: table.start()])[-1]
         rows = re.findall(r"^\| `(\w+)` \| (.+?) \|", table[0], re.MULTILINE)
         assert rows
         for name, stated in rows:
             value = getattr(getattr(imufast, kind)(), name)
-            words = {None: "none", False: "no"}.get(value) if value is None or value is False else None
+            words = "none" if value is None else {True: "yes", False: "no"}[value] if isinstance(value, bool) else None
             plain = words or (f'`"{value}"`' if isinstance(value, str) else f"{value:g}")
             assert stated == plain, f"{kind}.{name}"
 
 
-@pytest.mark.parametrize("name", ["hinge-axis.md", "joint-centre.md"])
-def test_the_settings_of_axis_and_centre_are_documented(name: str) -> None:
+@pytest.mark.parametrize("name", ["hinge-axis.md", "joint-centre.md", "tracking.md"])
+def test_the_settings_of_the_estimators_are_documented(name: str) -> None:
     text = (ROOT / "docs" / name).read_text(encoding="utf-8")
     assert re.search(r"^\| setting \| default \|", text, re.MULTILINE)
 

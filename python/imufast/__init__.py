@@ -22,7 +22,7 @@ from imufast.errors import FileFormatError, ImufastError, ImufastWarning, InputE
 from imufast.filters import Complementary, Mekf, OrientationFilter
 from imufast.hinge import HingeCalibration, HingeCalibrator, calibrate_hinge
 from imufast.imu import Imu, ReadInfo, Recording
-from imufast.io import align, read
+from imufast.io import align, read, write_orientation
 from imufast.noise import SensorNoise
 from imufast.report import report_json, write_json, write_report
 from imufast.select import SampleSelection, select_samples
@@ -107,5 +107,6 @@ __all__ = [
     "track",
     "track_many",
     "write_json",
+    "write_orientation",
     "write_report",
 ]

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from imufast.errors import InputError
 
-__all__ = ["check_target", "write_text"]
+__all__ = ["check_target", "replacing", "write_text"]
 
 
 def check_target(path: str | os.PathLike[str], name: str = "path") -> Path:
@@ -31,8 +34,9 @@ def check_target(path: str | os.PathLike[str], name: str = "path") -> Path:
     return target
 
 
-def write_text(path: str | os.PathLike[str], text: str) -> Path:
-    """Write a text as UTF-8: into a file beside the target, which then takes its place. Returns the target.
+@contextmanager
+def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+    """A file beside the target to write into, which then takes its place; not if anything goes wrong.
 
     Raises:
         InputError: as `check_target`, or the system does not allow it; what was there before is then still there.
@@ -41,8 +45,8 @@ def write_text(path: str | os.PathLike[str], text: str) -> Path:
     beside = target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.part")
     try:
         try:
-            with beside.open("x", encoding="utf-8", errors="backslashreplace", newline="\n") as file:
-                file.write(text)
+            with beside.open("xb") as file:
+                yield file
                 file.flush()
                 os.fsync(file.fileno())
             beside.replace(target)
@@ -50,4 +54,14 @@ def write_text(path: str | os.PathLike[str], text: str) -> Path:
             beside.unlink(missing_ok=True)
     except OSError as error:
         raise InputError(f"path {str(path)!r} cannot be written: {error.strerror or error}") from None
-    return target
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> Path:
+    """Write a text as UTF-8, whole or not at all. Returns the file that `path` means, links followed.
+
+    Raises:
+        InputError: as `replacing`.
+    """
+    with replacing(path) as file:
+        file.write(text.encode("utf-8", errors="backslashreplace"))
+    return check_target(path)

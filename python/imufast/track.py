@@ -74,6 +74,8 @@ class RelativeOrientation:
         method: its settings.
         restarts: how often a filter started anew: after long gaps, or because the heading was contradicted.
         starting_s: how long a filter waited for its start, s; 0 for the smoother.
+        starts_s: the stretches (from, to) in which a filter looked for its start, the first one and those of restarts, s; its
+            orientations there are turned back from where it was found. Empty for the smoother.
         why: what the reader should know, one sentence each.
         link_std: scale of the residuals of the link constraint, m/s²; smoother only.
         drift_std: what the errors of both gyroscopes add up to, rad/√s; smoother only.
@@ -89,6 +91,7 @@ class RelativeOrientation:
     covariance: Array | None = field(default=None, repr=False)
     restarts: int = 0
     starting_s: float = 0.0
+    starts_s: tuple[tuple[float, float], ...] = ()
     why: tuple[str, ...] = ()
     link_std: float | None = None
     drift_std: float | None = None
@@ -143,7 +146,9 @@ def track(
         return _smooth(imu1, imu2, calibration, settings)
     known = calibrate_joint(imu1, imu2) if calibration is None else calibration
     asked = plan(settings, known, imu1.rate_hz, start, start_std_deg)
-    (q, std, states), restarts = _core.track_filter(imu1.gyr, imu1.acc, imu2.gyr, imu2.acc, imu1.time_s, asked)
+    # Without times the core may take even samples as such.
+    times = None if _is_even(imu1) else imu1.time_s
+    (q, std, states), restarts = _core.track_filter(imu1.gyr, imu1.acc, imu2.gyr, imu2.acc, times, asked)
     return _filtered(imu1, q, std, states, restarts, known, settings)
 
 
@@ -233,8 +238,16 @@ def _filtered(
         method=settings,
         restarts=restarts,
         starting_s=float(imu.time_s[began[0]] - imu.time_s[0]) if len(began) else imu.duration_s,
+        starts_s=_starts(imu.time_s, states),
         why=tuple(why),
     )
+
+
+def _starts(time_s: Array, states: NDArray[np.uint8]) -> tuple[tuple[float, float], ...]:
+    """From the first sample of each start to the first after it."""
+    starting = np.concatenate([[False], states == STARTING, [False]])
+    edges = time_s[np.minimum(np.flatnonzero(np.diff(starting)), len(time_s) - 1)].tolist()
+    return tuple(zip(edges[::2], edges[1::2], strict=True))
 
 
 def _smooth(imu1: Imu, imu2: Imu, calibration: JointCalibration | None, settings: Smoother) -> RelativeOrientation:

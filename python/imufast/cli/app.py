@@ -1,7 +1,8 @@
 """Commands and options; what they print is in `show` and `result`.
 
 Exit codes: 0 done, 2 wrong input (one line on stderr says which); of `calibrate` also 3 not enough information, 4 not a hinge
-(nor, with `--joint auto`, a ball joint), 5 the mounting changed on the way.
+(nor, with `--joint auto`, a ball joint), 5 the mounting changed on the way; of `track` also 3 not observable, 4 the search
+did not end as it should.
 """
 
 from __future__ import annotations
@@ -21,16 +22,19 @@ import click
 from imufast.calibrate import JOINTS, calibrate_joint
 from imufast.calibration import JointCalibration
 from imufast.cli import result as print_result
-from imufast.cli import show, truth
+from imufast.cli import show, tracked, truth
 from imufast.errors import ImufastError, ImufastWarning, InputError
 from imufast.files import check_target
 from imufast.imu import Imu, Recording
-from imufast.io import format_names, read
+from imufast.io import format_names, read, write_orientation
+from imufast.io.orientation_files import check_orientation_target
 from imufast.report import words, write_json, write_report
 from imufast.report.page import check_extra
 from imufast.settings import HingeSettings, settings_from
 from imufast.simulate import random_biases, simulate_hinge
 from imufast.sync import TimeOffset, time_offset
+from imufast.track import METHODS, RelativeOrientation
+from imufast.track import track as track_pair
 
 __all__ = ["app"]
 
@@ -120,7 +124,7 @@ def _read(
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="imufast", prog_name="imufast", message="%(prog)s %(version)s")
 def app() -> None:
-    """Raw recordings of body-worn inertial sensors in; trusted joint calibration out."""
+    """Raw recordings of body-worn inertial sensors in; trusted joint calibration and relative orientation out."""
 
 
 @app.command()
@@ -203,6 +207,62 @@ def calibrate(
 
 
 @app.command()
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--sensors", nargs=2, metavar="NAME1 NAME2", help="The two sensors of the joint, where FILES hold more.")
+@click.option(
+    "--calibration",
+    "calibration_path",
+    type=click.Path(path_type=Path),
+    metavar="CAL.json",
+    help="What `imufast calibrate --save` wrote for these sensors as they sit. Default: the recording calibrates itself.",
+)
+@click.option(
+    "--method",
+    type=click.Choice(tuple(METHODS)),
+    default="auto",
+    help="smoother: the whole recording at once, most accurate; mekf, complementary: causal filters. Default: auto, smoother.",
+)
+@click.option(
+    "--out", "out_path", type=click.Path(path_type=Path), metavar="Q.csv|.parquet", help="Write time, quaternion and std here."
+)
+@click.option("--report", "report_path", type=click.Path(path_type=Path), metavar="OUT.html", help="Write the report here.")
+@click.option("--json", "json_path", type=click.Path(path_type=Path), metavar="OUT.json", help="Write its numbers here.")
+@_reading_options
+def track(
+    files: tuple[Path, ...],
+    sensors: tuple[str, str] | None,
+    calibration_path: Path | None,
+    method: str,
+    out_path: Path | None,
+    report_path: Path | None,
+    json_path: Path | None,
+    **reading: Any,
+) -> None:
+    """How is sensor 2 turned against sensor 1 over time? FILE1 FILE2, or one file with both sensors.
+
+    Exit codes: 0 tracked, 2 wrong input, 3 the motion does not show the orientation, 4 the search did not end as it should.
+    """
+    with _guard() as warned:
+        outputs = Outputs(report_path, json_path, out=out_path)
+        _check_outputs(files, outputs, calibration_path)
+        known = None if calibration_path is None else JointCalibration.load(calibration_path)
+        imu1, imu2 = _choose(_read(files, **reading), sensors)
+        late = show.offset_warning(_offset(imu1, imu2), imu1.name, imu2.name)
+        if late:
+            warned.append(late)
+            show.warning(late)
+        with show.waiting(f"Tracking {words.duration(imu1.duration_s)} of motion", files):
+            given = calibrate_joint(imu1, imu2) if known is None else known
+            rel = track_pair(imu1, imu2, given, method)
+        tracked.orientation(rel, imu1, imu2, None if calibration_path is None else str(calibration_path))
+        if out_path is not None:
+            write_orientation(rel, out_path)
+            show.say(f"orientations: {out_path}")
+        _write(rel, (imu1, imu2), outputs, None, warned)
+    raise SystemExit(tracked.exit_code(rel))
+
+
+@app.command()
 @click.option(
     "--report",
     "report_path",
@@ -235,6 +295,7 @@ def demo(report_path: Path | None) -> None:
         took_s = time.perf_counter() - started
         print_result.calibration(result, simulation.imu1, simulation.imu2)
         truth.beside_truth(result, simulation, took_s)
+        truth.tracking_beside_truth(track_pair(simulation.imu1, simulation.imu2, result), simulation)
         if without:
             show.say(f"No report: {without}")
         else:
@@ -248,24 +309,36 @@ class Outputs:
     report: Path | None
     json: Path | None = None
     save: Path | None = None
+    out: Path | None = None
 
 
-def _check_outputs(files: Sequence[Path], outputs: Outputs) -> None:
+def _check_outputs(files: Sequence[Path], outputs: Outputs, calibration: Path | None = None) -> None:
     """Refuse outputs that could not be written in the end, before the work begins."""
     taken = {file.resolve(): f"the recording {str(file)!r}" for file in files}
-    for name, path in (("--report", outputs.report), ("--json", outputs.json), ("--save", outputs.save)):
+    if calibration is not None:
+        taken[calibration.resolve()] = f"the calibration {str(calibration)!r}"
+    asked = (("--report", outputs.report), ("--json", outputs.json), ("--save", outputs.save), ("--out", outputs.out))
+    for name, path in asked:
         if path is None:
             continue
         target = check_target(path, name)
         if target in taken:
             raise InputError(f"{name} {str(path)!r} would replace {taken[target]}; give another file")
         taken[target] = f"what {name} writes"
+    if outputs.out is not None:
+        check_orientation_target(outputs.out, "--out")
     if outputs.report is not None:
         check_extra()
 
 
-def _write(result: JointCalibration, pair: tuple[Imu, Imu], outputs: Outputs, title: str | None, warned: Sequence[str]) -> None:
-    if outputs.save is not None:
+def _write(
+    result: JointCalibration | RelativeOrientation,
+    pair: tuple[Imu, Imu],
+    outputs: Outputs,
+    title: str | None,
+    warned: Sequence[str],
+) -> None:
+    if outputs.save is not None and isinstance(result, JointCalibration):
         result.save(outputs.save)
         show.say(f"calibration: {outputs.save}")
     if outputs.json is not None:

@@ -10,8 +10,9 @@ from rich.table import Table
 from imufast.calibration import JointCalibration
 from imufast.cli.show import console, say
 from imufast.simulate import HingeSimulation
+from imufast.track import RelativeOrientation
 
-__all__ = ["beside_truth", "demo_intro"]
+__all__ = ["beside_truth", "demo_intro", "tracking_beside_truth"]
 
 Array = NDArray[np.float64]
 
@@ -61,7 +62,21 @@ def beside_truth(result: JointCalibration, simulation: HingeSimulation, took_s: 
             table.add_row(name, *(f"{value:.1f}" for value in values), f"{1e3 * off:.2f} mm", f"{1e3 * std:.2f} mm")
         console().print(table)
         say("The true centre is moved along the axis to where the estimate lies: any point of the axis is a centre of a hinge.")
-    say(f"The calibration took {1e3 * took_s:.0f} ms. Next: imufast info FILE... and imufast calibrate FILE1 FILE2")
+    say(f"The calibration took {1e3 * took_s:.0f} ms.")
+
+
+def tracking_beside_truth(rel: RelativeOrientation, simulation: HingeSimulation) -> None:
+    """The relative orientation beside its truth, and what to do next."""
+    # The sine of half the angle between two rotations, exact also for small ones.
+    along = np.einsum("ij,ij->i", rel.q_12, simulation.q_12)
+    across = np.linalg.norm(rel.q_12 - along[:, None] * simulation.q_12, axis=1)
+    off = np.degrees(2.0 * np.arctan2(across, np.abs(along)))
+    stated = float(np.sqrt((rel.angle_std_deg**2).mean()))
+    say(
+        f"Relative orientation, tracked over the whole recording: off by {float(np.sqrt((off**2).mean())):.2f}° rms, "
+        f"{off.max():.2f}° at worst; stated {stated:.2f}°."
+    )
+    say("Next: imufast info FILE..., imufast calibrate FILE1 FILE2, and imufast track FILE1 FILE2")
 
 
 def angle_deg(a: Array, b: Array) -> float:

@@ -1,7 +1,8 @@
-"""Files in: one small module a format, one registry, and `read` above them."""
+"""Files in: one small module a format, one registry, and `read` above them. Orientations out: `write_orientation`."""
 
 from imufast.io.align import align
+from imufast.io.orientation_files import write_orientation
 from imufast.io.reading import read
 from imufast.io.registry import format_names
 
-__all__ = ["align", "format_names", "read"]
+__all__ = ["align", "format_names", "read", "write_orientation"]

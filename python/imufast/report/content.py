@@ -23,16 +23,20 @@ from imufast.report import joint_words
 from imufast.report.center_content import acc_bias_plain, center_plain
 from imufast.report.hinge_content import hinge_plain
 from imufast.report.joint_words import Result
+from imufast.report.orientation_content import orientation_plain
 from imufast.report.thin import excitation
+from imufast.track import RelativeOrientation
 
-__all__ = ["SCHEMAS", "SCHEMA_VERSION", "Pair", "installed_version", "report_json"]
+__all__ = ["SCHEMAS", "SCHEMA_VERSION", "Pair", "Reported", "installed_version", "report_json"]
 
 Array = NDArray[np.float64]
 Pair: TypeAlias = Recording | Sequence[Imu]
+Reported: TypeAlias = Result | RelativeOrientation
 
-SCHEMAS = {"hinge": "imufast.hinge-report", "joint": "imufast.joint-report"}
-"""Both have the same names. In that of a `HingeCalibration`, `center` and all else that is told of a centre is null; in that of
-a `JointCalibration` or a `CenterEstimate`, whatever it does not hold: of a centre alone also `verdict` and `accepted`."""
+SCHEMAS = {"hinge": "imufast.hinge-report", "joint": "imufast.joint-report", "orientation": "imufast.orientation-report"}
+"""The first two have the same names. In that of a `HingeCalibration`, `center` and all else that is told of a centre is null;
+in that of a `JointCalibration` or a `CenterEstimate`, whatever it does not hold: of a centre alone also `verdict` and
+`accepted`."""
 SCHEMA_VERSION = 1
 """Raised whenever a name changes its meaning or goes away; new names do not raise it."""
 MOST_POINTS = 2000
@@ -53,7 +57,7 @@ def installed_version() -> str:
 
 
 def report_json(
-    result: Result,
+    result: Reported,
     *,
     recording: Pair | None = None,
     title: str | None = None,
@@ -64,23 +68,24 @@ def report_json(
     not finite or, in settings, without limit).
 
     Names end in their unit: `_s`, `_deg`, `_rad_s`, `_m`. `schema` and `schema_version` say what to expect:
-    "imufast.hinge-report" of a HingeCalibration, else "imufast.joint-report", with the same names; what a result does not hold
-    is None.
+    "imufast.hinge-report" of a HingeCalibration, "imufast.orientation-report" of a RelativeOrientation, else
+    "imufast.joint-report"; the first and the last have the same names. What a result does not hold is None.
 
     Args:
-        result: what `calibrate_joint`, `calibrate_hinge`, `HingeCalibrator` or `estimate_joint_center` gave, or a
+        result: what `calibrate_joint`, `calibrate_hinge`, `HingeCalibrator`, `estimate_joint_center` or `track` gave, or a
             `JointCalibration` that was loaded or made by hand.
-        recording: the two sensors it was made from, a pair of Imus or a Recording of two; adds names and excitation.
+        recording: the two sensors it was made from, a pair of Imus or a Recording of two; adds names and excitation, of a
+            `RelativeOrientation` residual and observability.
         title: of the report.
         warnings: what else the reader should know, one sentence each.
-        max_points: the most steps of the history, times of samples, and residuals that are kept; longer histories are
-            thinned, extremes kept. None: all.
+        max_points: the most steps of the history, times of samples, residuals, and orientations that are kept; longer
+            histories are thinned, extremes kept. None: all.
 
     Raises:
         InputError: an argument of the wrong kind.
     """
-    if not isinstance(result, (HingeCalibration, JointCalibration, CenterEstimate)):
-        kinds = "a JointCalibration, a HingeCalibration or a CenterEstimate"
+    if not isinstance(result, (HingeCalibration, JointCalibration, CenterEstimate, RelativeOrientation)):
+        kinds = "a JointCalibration, a HingeCalibration, a CenterEstimate or a RelativeOrientation"
         raise InputError(f"result must be {kinds}, got {type(result).__name__}")
     if title is not None and not isinstance(title, str):
         raise InputError(f"title must be a text or None, got {type(title).__name__}")
@@ -89,7 +94,43 @@ def report_json(
     if max_points is not None and (isinstance(max_points, bool) or not isinstance(max_points, int) or max_points < 100):
         raise InputError(f"max_points must be a whole number of at least 100 or None (all), got {max_points!r}")
     pair = _pair(recording)
-    names = [imu.name for imu in pair] if pair else ["sensor 1", "sensor 2"]
+    told = [str(warning) for warning in warnings]
+    if isinstance(result, RelativeOrientation):
+        plain = _orientation(result, pair, title, told, max_points)
+    else:
+        plain = _calibration(result, pair, title, told, max_points)
+    cleaned: dict[str, Any] = _clean(plain)
+    return cleaned
+
+
+def _orientation(
+    rel: RelativeOrientation, pair: tuple[Imu, Imu] | None, title: str | None, warnings: list[str], most: int | None
+) -> dict[str, Any]:
+    """All of a relative orientation's report."""
+    calibration = _calibration(rel.calibration, None, None, [], MOST_POINTS)
+    names = "verdict", "verdict_name", "accepted", "why", "axis1", "axis2", "bound95_deg", "center"
+    biases = "gyr_bias1_rad_s", "gyr_bias2_rad_s", "acc_bias1_m_s2", "acc_bias2_m_s2"
+    return {
+        "schema": SCHEMAS["orientation"],
+        "schema_version": SCHEMA_VERSION,
+        "imufast_version": installed_version(),
+        "title": title or "Relative orientation",
+        "sensors": _names(pair),
+        "recording": _recording(pair),
+        "calibration": {name: calibration[name] for name in (*names, *biases)},
+        **orientation_plain(rel, pair, warnings, most),
+    }
+
+
+def _names(pair: tuple[Imu, Imu] | None) -> list[str]:
+    return [imu.name for imu in pair] if pair else ["sensor 1", "sensor 2"]
+
+
+def _calibration(
+    result: Result, pair: tuple[Imu, Imu] | None, title: str | None, warnings: list[str], max_points: int | None
+) -> dict[str, Any]:
+    """All of a calibration's or a centre's report."""
+    names = _names(pair)
     joint = result if isinstance(result, JointCalibration) else None
     hinge = joint.hinge if joint else result if isinstance(result, HingeCalibration) else None
     estimate = joint.estimate if joint else result if isinstance(result, CenterEstimate) else None
@@ -124,7 +165,7 @@ def report_json(
         "start_s": start_s,
         "stop_s": stop_s,
         "recording": _recording(pair),
-        "warnings": [str(warning) for warning in warnings],
+        "warnings": warnings,
         "excitation": None,
         "limits_of_use": joint_words.limits_of_use(result),
         **hinge_plain(hinge, history, start_s, max_points),
@@ -132,8 +173,7 @@ def report_json(
     if pair:
         axes = (axis.axis1, axis.axis2) if axis else (None, None)
         plain["excitation"] = {"about_axis": axis is not None, **excitation(pair_signals(*pair), *axes)}
-    cleaned: dict[str, Any] = _clean(plain)
-    return cleaned
+    return plain
 
 
 def _hinge_axis(hinge: HingeCalibration | None) -> JointAxis | None:

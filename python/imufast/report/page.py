@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from importlib.resources import files
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from imufast.errors import ImufastError
 from imufast.report.words import UNKNOWN_DEG, duration
+
+if TYPE_CHECKING:
+    import jinja2
 
 __all__ = ["check_extra", "html"]
 
@@ -47,6 +50,8 @@ def html(report: dict[str, Any]) -> str:
         lstrip_blocks=True,
     )
     environment.filters |= {"number": _number, "duration": duration, "setting": _setting}
+    if "curve" in report:
+        return _orientation_page(report, environment.get_template("orientation.html.j2"))
     template = environment.get_template("page.html.j2")
     sensors = [
         {
@@ -70,6 +75,33 @@ def html(report: dict[str, Any]) -> str:
         timeline=timeline(report) if report["history"]["steps"] else "",
         residual_picture=residual_picture(report) or "",
         tone=_tone(report),
+        unknown_deg=UNKNOWN_DEG,
+    )
+
+
+def _orientation_page(report: dict[str, Any], template: jinja2.Template) -> str:
+    """The page of a relative orientation."""
+    from imufast.report.orientation_figure import histogram_picture, orientation_timeline
+
+    known = report["calibration"]
+    sensors = [
+        {
+            "name": report["sensors"][i - 1],
+            "axis": known[f"axis{i}"],
+            "bound": known["bound95_deg"][i - 1] if known["bound95_deg"] else None,
+            "bias_deg_s": _degrees(known[f"gyr_bias{i}_rad_s"]),
+            "acc_bias": known[f"acc_bias{i}_m_s2"],
+            **_center_mm(known["center"], i),
+        }
+        for i in (1, 2)
+    ]
+    tones = {"TRACKED": "good", "NUMERICAL_ERROR": "bad"}
+    return template.render(
+        report=report,
+        sensors=sensors,
+        timeline=orientation_timeline(report) or "",
+        histogram=histogram_picture(report) or "",
+        tone=tones.get(report["status"], "open"),
         unknown_deg=UNKNOWN_DEG,
     )
 

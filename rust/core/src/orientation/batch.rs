@@ -80,6 +80,28 @@ impl<T: Real, M: Method> Passenger<'_, T, M> {
     }
 }
 
+/// Runs a filter over a recording. One estimate a sample: where a start was needed, its solution is carried back by the
+/// gyroscopes to the first sample that it explains. None if `keep_going` says no.
+pub fn run<T: Real, M: Method>(
+    settings: &Settings,
+    method: M,
+    signals: &Signals<'_>,
+    keep_going: &mut impl FnMut() -> bool,
+) -> Option<(Vec<Estimate>, Filter<T, M>)> {
+    let (filter, estimates) = (Filter::<T, M>::new(*settings, method), Vec::with_capacity(signals.len()));
+    let mut lane = [Passenger { number: 0, filter, signals: *signals, position: 0, estimates }];
+    loop {
+        if !keep_going() {
+            return None;
+        }
+        if !lane[0].go_alone(false) {
+            let [Passenger { filter, estimates, .. }] = lane;
+            return Some((estimates, filter));
+        }
+        together(method, &mut lane);
+    }
+}
+
 /// Runs the same filter over many recordings. Even recordings of one settings' stencil go side by side; others go alone.
 /// None if `keep_going`, asked every few ten thousand samples, says no.
 pub fn run_batch<T: Real, M: Method>(
@@ -102,7 +124,7 @@ pub fn run_batch<T: Real, M: Method>(
         if !keep_going() {
             return None;
         }
-        let few = lanes.len() * 2 <= LANES || lanes.iter().any(|l| !l.suits(&lanes[0]));
+        let few = lanes.iter().any(|l| !l.suits(&lanes[0]));
         lanes.retain_mut(|lane| {
             let more = lane.go_alone(few);
             if !more {
@@ -110,25 +132,33 @@ pub fn run_batch<T: Real, M: Method>(
             }
             more
         });
-        if lanes.len() * 2 > LANES {
+        if !lanes.is_empty() {
             together(method, &mut lanes);
         }
     }
 }
 
 /// So many samples a lane before the caller is asked again.
-const ROUND: usize = 1 << 12;
+const ROUND: usize = 1 << 14;
 
 /// Runs all lanes side by side until one of them must go on alone.
 fn together<T: Real, M: Method>(method: M, lanes: &mut [Passenger<'_, T, M>]) {
     let steps = lanes.iter().map(Passenger::left).min().unwrap_or(0).min(ROUND);
+    // A few lanes fit one register.
+    match lanes.len() {
+        1 => dispatch::<T, M, 1>(method, lanes, steps),
+        2..=4 => dispatch::<T, M, 4>(method, lanes, steps),
+        _ => dispatch::<T, M, LANES>(method, lanes, steps),
+    }
+}
+
+fn dispatch<T: Real, M: Method, const N: usize>(method: M, lanes: &mut [Passenger<'_, T, M>], steps: usize) {
     #[cfg(all(feature = "std", target_arch = "x86_64"))]
     if std::arch::is_x86_feature_detected!("avx2") {
         // SAFETY: the processor has the feature that the function was compiled for, as just asked.
-        unsafe { together_avx2::<T, M, LANES>(method, lanes, steps) };
-        return;
+        return unsafe { together_avx2::<T, M, N>(method, lanes, steps) };
     }
-    together_wide::<T, M, LANES>(method, lanes, steps);
+    together_wide::<T, M, N>(method, lanes, steps);
 }
 
 /// The same source with wider registers; no fused operations, so the same bits.

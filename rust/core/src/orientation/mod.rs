@@ -10,8 +10,8 @@
 //! | [`complementary`] | Algorithm 1 |
 //! | [`mekf`] | multiplicative extended Kalman filter |
 //! | [`filter`] | samples in, estimates out: delay, gaps, restarts |
-//! | [`run`](mod@run) | whole recordings |
-//! | [`batch`] | many recordings side by side |
+//! | [`run`](mod@run) | whole recordings: what comes in, what is carried back |
+//! | [`batch`] | one recording, or many side by side |
 //! | [`smoother`] | the most probable orientation over a whole recording |
 
 mod algebra;
@@ -28,10 +28,10 @@ pub mod smoother;
 pub mod start;
 pub mod state;
 
-pub use batch::run_batch;
+pub use batch::{run, run_batch};
 pub use complementary::Complementary;
 pub use filter::{Estimate, Filter, Settings, Status};
 pub use mekf::{Mekf, Outliers};
-pub use run::{Signals, run};
+pub use run::Signals;
 pub use start::start_of;
 pub use state::{Joint, Noise};

@@ -47,30 +47,6 @@ impl Signals<'_> {
     }
 }
 
-/// Asked after so many samples whether to go on.
-const ASK: usize = 1 << 16;
-
-/// Runs a filter over a recording. One estimate a sample: where a start was needed, its solution is carried back by the
-/// gyroscopes to the first sample that it explains. None if `keep_going` says no.
-pub fn run<T: Real, M: Method>(
-    settings: &Settings,
-    method: M,
-    signals: &Signals<'_>,
-    keep_going: &mut impl FnMut() -> bool,
-) -> Option<(Vec<Estimate>, Filter<T, M>)> {
-    let mut filter = Filter::<T, M>::new(*settings, method);
-    let count = signals.len();
-    let mut estimates: Vec<Estimate> = Vec::with_capacity(count);
-    for k in 0..count {
-        if k % ASK == 0 && !keep_going() {
-            return None;
-        }
-        filter.push_into(signals.time(k, settings.rate_hz), &signals.sample(k), &mut |_, e| estimates.push(e));
-    }
-    finish(&mut filter, signals, &mut estimates);
-    Some((estimates, filter))
-}
-
 /// The samples whose neighbours never came, and the starts.
 pub(super) fn finish<T: Real, M: Method>(filter: &mut Filter<T, M>, signals: &Signals<'_>, estimates: &mut Vec<Estimate>) {
     let last = filter.latest();
