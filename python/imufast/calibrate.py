@@ -12,12 +12,12 @@ from imufast.axis import JointAxis
 from imufast.calibration import JointCalibration
 from imufast.center import CenterEstimate, CenterStatus, estimate_joint_center
 from imufast.decide import Verdict
-from imufast.filters import Mekf, plan
 from imufast.hinge import HingeCalibration, calibrate_hinge
 from imufast.imu import Imu
 from imufast.noise import sensor_noise
 from imufast.pairs import check_pair
 from imufast.settings import CenterSettings, HingeSettings, check_choice
+from imufast.smoother import Smoother, run_smoother
 
 __all__ = ["calibrate_joint"]
 
@@ -26,8 +26,8 @@ Array = NDArray[np.float64]
 JOINTS = ("auto", "hinge", "ball")
 ONE_AXIS, MANY_AXES = 0.45, 0.6
 """Below and above these values of `rate_ratio` the misfit is overruled."""
-LOWPASS_HZ, MOVING, LOST = 4.0, 0.3, 0.5
-"""Of `rate_ratio`: Hz; rad/s; rad."""
+LOWPASS_HZ, MOVING, LOST, LONGEST_S = 4.0, 0.3, 0.5, 300.0
+"""Of `rate_ratio`: Hz; rad/s; rad; s."""
 LARGEST_STD = 0.05
 """A ball joint is accepted when its centre is at least as certain as this, m."""
 
@@ -135,21 +135,26 @@ def _judge(
 
 def rate_ratio(imu1: Imu, imu2: Imu, calibration: JointCalibration) -> float | None:
     """How much the joint turns about its second axis over how much about its first: singular values s2:s1 of the relative rate,
-    low-passed at 4 Hz, over the samples at which it moves, with the orientation that the Kalman filter finds.
+    low-passed at 4 Hz, over the samples at which it moves, with the orientation that the smoother finds.
 
     Measured: mechanical hinges up to 0.03, knees 0.13-0.33, hips 0.13-0.46, ankles 0.26-0.63, mechanical joints with more
     degrees of freedom from 0.77 on. None where the joint hardly moves or the orientation stays unknown.
     """
-    asked = plan(Mekf(), calibration, imu1.rate_hz, None, 2.0)
-    (q, std, _), _ = _core.track_filter(imu1.gyr, imu1.acc, imu2.gyr, imu2.acc, imu1.time_s, asked)
+    # The latest minutes will do.
+    rows = slice(max(0, len(imu1) - int(LONGEST_S * imu1.rate_hz)), None)
+    imu1, imu2 = imu1[rows], imu2[rows]
+    lowpass_hz = min(LOWPASS_HZ, 0.45 * imu1.rate_hz)
+    if imu1.duration_s < 4.0 / lowpass_hz:
+        return None
+    fit = run_smoother(imu1, imu2, calibration, Smoother())
+    q, std = fit.q_12, np.sqrt(fit.covariance[:, :3].sum(axis=1))
+    if not np.isfinite(q).all() or float(np.median(std)) > LOST:
+        return None
     w, v = q[:, :1], q[:, 1:]
     gyr2 = imu2.gyr - calibration.gyr_bias2
     turned = gyr2 + 2.0 * np.cross(v, np.cross(v, gyr2) + w * gyr2)
     relative = np.ascontiguousarray(turned - (imu1.gyr - calibration.gyr_bias1))
     nothing = np.zeros_like(relative)
-    lowpass_hz = min(LOWPASS_HZ, 0.45 * imu1.rate_hz)
-    if imu1.duration_s < 4.0 / lowpass_hz or float(np.median(std)) > LOST:
-        return None
     slow = _core.condition(relative, nothing, nothing, nothing, imu1.time_s, imu1.rate_hz, lowpass_hz)[1][0]
     moving = slow[np.linalg.norm(slow, axis=1) > MOVING]
     if len(moving) < imu1.rate_hz:

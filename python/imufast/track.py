@@ -37,6 +37,10 @@ METHODS: dict[str, type[Complementary] | type[Mekf] | type[Smoother]] = {
 }
 VAGUE_DEG = 20.0
 """An orientation less certain than this for most of the time was not observable, degrees."""
+UNKNOWN_DEG = 104.0
+"""Standard deviation of an angle of which nothing is known, degrees: uniform in ±180."""
+CONTRADICTED_S = 20.0
+"""A filter that starts anew more often than this, gaps aside, s, follows nothing."""
 STARTING, TRACKING, COASTING = 0, 1, 2
 """What a filter says of each sample."""
 
@@ -185,7 +189,7 @@ def track_many(
         plans = [plan(settings, calibrations[k], pairs[k][0].rate_hz, None, 2.0) for k in even]
         arrays = [(pairs[k][0].gyr, pairs[k][0].acc, pairs[k][1].gyr, pairs[k][1].acc) for k in even]
         for k, (q, std, states) in zip(even, _core.track_filter_batch(arrays, plans), strict=True):
-            done[k] = _filtered(pairs[k][0], q, std, states, 0, calibrations[k], settings)
+            done[k] = _filtered(pairs[k][0], q, std, states, None, calibrations[k], settings)
     return [done[k] if k in done else track(*pairs[k], calibrations[k], settings) for k in range(len(pairs))]
 
 
@@ -215,20 +219,31 @@ def _filtered(
     q: Array,
     std: Array,
     states: NDArray[np.uint8],
-    restarts: int,
+    restarts: int | None,
     calibration: JointCalibration,
     settings: Complementary | Mekf,
 ) -> RelativeOrientation:
-    std_deg = np.degrees(std)
+    q, std_deg = _finite(q, np.minimum(np.degrees(std), 180.0))
+    starts = _starts(imu.time_s, states)
     began = np.flatnonzero(states != STARTING)
+    again = sum(start > imu.time_s[0] for start, _ in starts)
+    restarts = again if restarts is None else restarts
+    gaps = int((np.diff(imu.time_s) > settings.max_gap_s).sum())
+    contradicted = max(restarts - gaps, 0)
     why = []
-    if calibration.center is None:
-        why.append("the joint centre is not known: its acceleration was taken to be that of the sensors")
-    lost = not len(began) or float(np.median(std_deg)) > VAGUE_DEG or calibration.center is None
     if restarts:
         why.append(f"the filter started anew {restarts} time{'s' * (restarts > 1)}")
-    if lost and calibration.center is not None:
-        why.append("the joint hardly accelerates sideways: nothing shows the heading")
+    lost = True
+    if calibration.center is None:
+        why.append("the joint centre is not known: its acceleration was taken to be that of the sensors")
+        std_deg = np.maximum(std_deg, UNKNOWN_DEG)
+    elif contradicted * CONTRADICTED_S > imu.duration_s:
+        why.append("the two sensors contradict each other again and again: soft tissue, impacts or a wrong calibration")
+        std_deg = np.maximum(std_deg, UNKNOWN_DEG)
+    elif not len(began) or float(np.median(std_deg)) > VAGUE_DEG:
+        why.append("nothing shows the heading: the joint hardly accelerates sideways, or gaps are too many")
+    else:
+        lost = False
     return RelativeOrientation(
         time_s=imu.time_s,
         q_12=_continuous(q),
@@ -238,9 +253,17 @@ def _filtered(
         method=settings,
         restarts=restarts,
         starting_s=float(imu.time_s[began[0]] - imu.time_s[0]) if len(began) else imu.duration_s,
-        starts_s=_starts(imu.time_s, states),
+        starts_s=starts,
         why=tuple(why),
     )
+
+
+def _finite(q: Array, std_deg: Array) -> tuple[Array, Array]:
+    """Where the numbers overflowed, the orientation is unknown."""
+    broken = ~(np.isfinite(q).all(axis=1) & np.isfinite(std_deg))
+    if not broken.any():
+        return q, std_deg
+    return np.where(broken[:, None], [1.0, 0.0, 0.0, 0.0], q), np.where(broken, 180.0, std_deg)
 
 
 def _starts(time_s: Array, states: NDArray[np.uint8]) -> tuple[tuple[float, float], ...]:
@@ -257,6 +280,8 @@ def _smooth(imu1: Imu, imu2: Imu, calibration: JointCalibration | None, settings
     variance = np.trace(covariance, axis1=1, axis2=2)
     # Beyond half a turn an angle says no more.
     std_deg = np.minimum(np.degrees(np.sqrt(np.maximum(variance, 0.0))), 180.0)
+    if status is TrackStatus.TRACKED and float(np.median(std_deg)) > VAGUE_DEG:
+        status = TrackStatus.NOT_OBSERVABLE
     why = () if status is TrackStatus.TRACKED else (WHY.get(status, str(status)),)
     return RelativeOrientation(
         time_s=imu1.time_s,
@@ -304,5 +329,7 @@ def _refined(calibration: JointCalibration | None, fit: _core.SmootherFit) -> Jo
 def _continuous(q: Array) -> Array:
     """The same rotations without sign flips from one sample to the next."""
     turned = np.einsum("ij,ij->i", q[1:], q[:-1]) < 0.0
+    if not turned.any():
+        return q
     signs = np.concatenate([[1.0], np.cumprod(np.where(turned, -1.0, 1.0))])
     return np.ascontiguousarray(q * signs[:, None])

@@ -398,6 +398,8 @@ impl<T: Real, M: Method> Filter<T, M> {
         }
         let variance = gap_variance(step);
         match &mut self.start {
+            // What is uncertain by so much tells less than a new window soon will.
+            Some(start) if variance > WORTHLESS => *start = Start::new(self.settings.start_fade_s),
             Some(start) => start.turn([0.0; 3], [0.0; 3], 0.0, 2.0 * variance),
             None => self.method.widen(&mut self.state, T::splat(variance)),
         }
@@ -515,6 +517,8 @@ fn gap_variance<T: Real>(step: &Step<T>) -> f64 {
 
 /// Copies over longer than this are no lost packets but a coarse sensor at rest, s.
 const LONGEST_LOSS_S: f64 = 0.4;
+/// A start's window that a gap makes uncertain by this variance is given up, rad².
+const WORTHLESS: f64 = 1e-3;
 /// In a gap of `t` seconds between rates of `ω` the orientation is uncertain by about this times `ω t³`, 1/s²: a motion of 2 Hz
 /// integrated by its ends.
 const UNEVENNESS: f64 = 13.0;

@@ -8,7 +8,7 @@ use super::{
     lane::Real,
     method::{Method, mean},
 };
-use crate::{PairSample, Xyz};
+use crate::{PairSample, Xyz, condition::BREAK_STEPS};
 
 /// gyr1, acc1, gyr2, acc2 of equal length.
 #[derive(Clone, Copy, Debug)]
@@ -75,12 +75,9 @@ fn carry_back(settings: &Settings, signals: &Signals<'_>, estimates: &mut [Estim
             [(rate[0] - bias[0]) * dt, (rate[1] - bias[1]) * dt, (rate[2] - bias[2]) * dt]
         };
         let [w, x, y, z] = exp(turn(gyr2, settings.joint.gyr_bias[1]));
-        let Estimate { q, std, status } = estimates[k + 1];
+        let Estimate { q, std, .. } = estimates[k + 1];
         estimates[k].q = normalize(mul(mul(exp(turn(gyr1, settings.joint.gyr_bias[0])), q), [w, -x, -y, -z]));
-        if status != Status::Starting {
-            estimates[k].std = std;
-        } else {
-            estimates[k].std = estimates[k].std.min(std);
-        }
+        // Nothing is carried over a break: before it the orientation stays unknown.
+        estimates[k].std = if dt * settings.rate_hz > BREAK_STEPS { core::f64::consts::PI } else { std };
     }
 }
