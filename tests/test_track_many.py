@@ -112,7 +112,6 @@ def test_restarts_in_the_lanes_are_those_of_one_by_one(method: str, count: int) 
         assert found.angle_std_deg.tobytes() == alone.angle_std_deg.tobytes()
 
 
-@pytest.mark.xfail(strict=True, reason="bug: track_many says 0 restarts, whatever there were")
 @pytest.mark.parametrize("method", SETTINGS[:2])
 def test_restarts_in_the_lanes_are_counted_and_told(method: str) -> None:
     joint = contradicted()

@@ -24,7 +24,7 @@ __all__ = ["calibrate_joint"]
 Array = NDArray[np.float64]
 
 JOINTS = ("auto", "hinge", "ball")
-ONE_AXIS, MANY_AXES = 0.45, 0.6
+ONE_AXIS, MANY_AXES = 0.35, 0.6
 """Below and above these values of `rate_ratio` the misfit is overruled."""
 LOWPASS_HZ, MOVING, LOST, LONGEST_S = 4.0, 0.3, 0.5, 300.0
 """Of `rate_ratio`: Hz; rad/s; rad; s."""

@@ -226,13 +226,11 @@ def _filtered(
     q, std_deg = _finite(q, np.minimum(np.degrees(std), 180.0))
     starts = _starts(imu.time_s, states)
     began = np.flatnonzero(states != STARTING)
-    again = sum(start > imu.time_s[0] for start, _ in starts)
+    again = int(sum(start > imu.time_s[0] for start, _ in starts))
     restarts = again if restarts is None else restarts
     gaps = int((np.diff(imu.time_s) > settings.max_gap_s).sum())
     contradicted = max(restarts - gaps, 0)
     why = []
-    if restarts:
-        why.append(f"the filter started anew {restarts} time{'s' * (restarts > 1)}")
     lost = True
     if calibration.center is None:
         why.append("the joint centre is not known: its acceleration was taken to be that of the sensors")
@@ -244,6 +242,8 @@ def _filtered(
         why.append("nothing shows the heading: the joint hardly accelerates sideways, or gaps are too many")
     else:
         lost = False
+    if restarts:
+        why.append(f"the filter started anew {restarts} time{'s' * (restarts > 1)}")
     return RelativeOrientation(
         time_s=imu.time_s,
         q_12=_continuous(q),
@@ -260,7 +260,7 @@ def _filtered(
 
 def _finite(q: Array, std_deg: Array) -> tuple[Array, Array]:
     """Where the numbers overflowed, the orientation is unknown."""
-    broken = ~(np.isfinite(q).all(axis=1) & np.isfinite(std_deg))
+    broken = ~((np.abs(np.einsum("ij,ij->i", q, q) - 1.0) < 1e-3) & np.isfinite(std_deg))
     if not broken.any():
         return q, std_deg
     return np.where(broken[:, None], [1.0, 0.0, 0.0, 0.0], q), np.where(broken, 180.0, std_deg)
