@@ -79,7 +79,7 @@ def results(
             None,
         ),
         "by hand, not finite": (
-            imufast.JointCalibration(center=imufast.JointCenter(np.ones(3), np.ones(3), np.full((6, 6), np.nan))),
+            imufast.JointCalibration(center=imufast.JointCenter(np.ones(3), np.ones(3), np.full((6, 6), 1e9))),
             None,
         ),
         "moved": (

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -15,10 +14,11 @@ from numpy.typing import NDArray
 from imufast.axis import JointAxis
 from imufast.center import CenterEstimate, JointCenter
 from imufast.decide import HingeStep, Verdict
-from imufast.errors import InputError
+from imufast.errors import InputError, SettingsError
 from imufast.files import write_text
 from imufast.hinge import HingeCalibration
 from imufast.noise import SensorNoise
+from imufast.settings import check_number
 
 __all__ = ["JointCalibration"]
 
@@ -76,14 +76,19 @@ class JointCalibration:
     estimate: CenterEstimate | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        for name in ("gyr_bias1", "gyr_bias2", "acc_bias1", "acc_bias2"):
-            object.__setattr__(self, name, _checked(name, getattr(self, name), (3,)))
+        for name, most in (("gyr_bias1", 100.0), ("gyr_bias2", 100.0), ("acc_bias1", 1e3), ("acc_bias2", 1e3)):
+            object.__setattr__(self, name, _checked(name, getattr(self, name), (3,), most))
         name = "acc_bias_covariance"
         object.__setattr__(self, name, _checked(name, self.acc_bias_covariance, (6, 6)))
         if not isinstance(self.verdict, Verdict):
             object.__setattr__(self, "verdict", _verdict(self.verdict))
-        if not (isinstance(self.gyr_bias_std, (int, float)) and 0.0 <= self.gyr_bias_std < math.inf):
-            raise InputError(f"gyr_bias_std must be a number of at least 0, got {self.gyr_bias_std!r}")
+        if not isinstance(self.accepted, (bool, np.bool_)):
+            raise InputError(f"accepted must be True or False, got {self.accepted!r}")
+        object.__setattr__(self, "gyr_bias_std", _number("gyr_bias_std", self.gyr_bias_std, 100.0))
+        if self.rate_ratio is not None:
+            object.__setattr__(self, "rate_ratio", _number("rate_ratio", self.rate_ratio, 1e3))
+        if isinstance(self.why, str) or not all(isinstance(reason, str) for reason in self.why):
+            raise InputError(f"why must be a tuple of sentences, got {self.why!r}")
         if self.axis is not None:
             if not isinstance(self.axis, JointAxis):
                 raise InputError(f"axis must be a JointAxis or None, got {type(self.axis).__name__}")
@@ -91,13 +96,21 @@ class JointCalibration:
                 vector = _checked(f"axis.{name}", getattr(self.axis, name), (3,))
                 if abs(float(np.linalg.norm(vector)) - 1.0) > 1e-6:
                     raise InputError(f"axis.{name} must be a unit vector, got {vector.tolist()}")
+            _checked("axis.covariance", self.axis.covariance, (6, 6))
+            _checked("axis.bound95_deg", self.axis.bound95_deg, (2,))
         if self.center is not None:
             if not isinstance(self.center, JointCenter):
                 raise InputError(f"center must be a JointCenter or None, got {type(self.center).__name__}")
             for name in ("in_sensor1", "in_sensor2"):
-                _checked(f"center.{name}", getattr(self.center, name), (3,))
-        if self.noise is not None and not isinstance(self.noise, SensorNoise):
-            raise InputError(f"noise must be a SensorNoise or None, got {type(self.noise).__name__}")
+                _checked(f"center.{name}", getattr(self.center, name), (3,), 1e3)
+            _checked("center.covariance", self.center.covariance, (6, 6))
+            _checked("center.undetermined", self.center.undetermined, (np.shape(self.center.undetermined)[:1] or (0,)) + (6,))
+        if self.noise is not None:
+            if not isinstance(self.noise, SensorNoise):
+                raise InputError(f"noise must be a SensorNoise or None, got {type(self.noise).__name__}")
+            for name, value in asdict(self.noise).items():
+                if name != "link_std" or value is not None:
+                    _number(f"noise.{name}", value, 1e9)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it as versioned JSON (`schema`, `schema_version`; units in the names), whole or not at all. `hinge` and
@@ -166,9 +179,12 @@ class JointCalibration:
     @classmethod
     def _from_plain(cls, plain: dict[str, Any]) -> JointCalibration:
         axis, center, noise = plain["axis"], plain["center"], plain["noise"]
+        for name in ("why", "history"):
+            if not isinstance(plain[name], list):
+                raise ValueError(f"{name} is no list")
         return cls(
             verdict=Verdict(plain["verdict"]),
-            accepted=plain["accepted"] is True,
+            accepted=plain["accepted"],
             axis=None
             if axis is None
             else JointAxis(
@@ -198,15 +214,22 @@ class JointCalibration:
         )
 
 
-def _checked(name: str, value: object, shape: tuple[int, ...]) -> Array:
+def _checked(name: str, value: object, shape: tuple[int, ...], most: float = 1e12) -> Array:
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
         raise InputError(f"{name} must be numbers of shape {shape}, got {type(value).__name__}") from None
-    if array.shape != shape or not np.isfinite(array).all():
-        raise InputError(f"{name} must be finite numbers of shape {shape}, got {value!r}")
+    if array.shape != shape or not (np.abs(array) <= most).all():
+        raise InputError(f"{name} must be finite numbers of shape {shape} and at most {most:g} in size, got {value!r}")
     array.flags.writeable = False
     return array
+
+
+def _number(name: str, value: object, most: float) -> float:
+    try:
+        return check_number(name, value, 0.0, most)
+    except SettingsError as error:
+        raise InputError(str(error)) from None
 
 
 def _verdict(value: object) -> Verdict:
