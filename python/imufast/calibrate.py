@@ -100,6 +100,8 @@ def _rested(hinge: HingeCalibration | None) -> tuple[Array, Array] | None:
 def _axis(hinge: HingeCalibration) -> JointAxis | None:
     if hinge.axis1 is None or hinge.axis2 is None or hinge.bound95_deg is None or hinge.covariance is None:
         return None
+    if not np.isfinite(hinge.covariance).all():  # a direction as good as any other
+        return None
     return JointAxis(hinge.axis1, hinge.axis2, hinge.covariance, hinge.bound95_deg)
 
 

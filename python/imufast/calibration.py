@@ -84,7 +84,7 @@ class JointCalibration:
             object.__setattr__(self, "verdict", _verdict(self.verdict))
         if not isinstance(self.accepted, (bool, np.bool_)):
             raise InputError(f"accepted must be True or False, got {self.accepted!r}")
-        object.__setattr__(self, "gyr_bias_std", _number("gyr_bias_std", self.gyr_bias_std, 100.0))
+        object.__setattr__(self, "gyr_bias_std", _number("gyr_bias_std", self.gyr_bias_std, 1e9))
         if self.rate_ratio is not None:
             object.__setattr__(self, "rate_ratio", _number("rate_ratio", self.rate_ratio, 1e3))
         if isinstance(self.why, str) or not all(isinstance(reason, str) for reason in self.why):
