@@ -13,6 +13,7 @@ from imufast import _core
 from imufast.errors import InputError, SettingsError
 from imufast.imu import Imu
 from imufast.pairs import check_pair
+from imufast.samples import as_array
 from imufast.settings import CenterSettings, check_choice, check_number, settings_from
 from imufast.state import pack, unpack
 
@@ -340,7 +341,7 @@ def _new_stream(rate_hz: float, settings: CenterSettings, gyr_bias: tuple[ArrayL
         if not isinstance(gyr_bias, tuple) or len(gyr_bias) != 2:
             raise InputError(f"gyr_bias must be a tuple of two vectors, got {type(gyr_bias).__name__}")
         for number, vector in enumerate(gyr_bias, 1):
-            if np.shape(vector) != (3,) or not np.isfinite(_as_array("gyr_bias", vector)).all():
+            if np.shape(vector) != (3,) or not np.isfinite(as_array("gyr_bias", vector)).all():
                 raise InputError(f"gyr_bias of sensor {number} must be three finite numbers, got {vector!r}")
     return _core.CenterStream(
         rate_hz=rate_hz,
@@ -348,7 +349,7 @@ def _new_stream(rate_hz: float, settings: CenterSettings, gyr_bias: tuple[ArrayL
         five_points=settings.derivative == "five-point",
         least_rate=settings.least_rate,
         max_samples=settings.max_samples,
-        gyr_bias=None if gyr_bias is None else [_as_array("gyr_bias", vector).tolist() for vector in gyr_bias],
+        gyr_bias=None if gyr_bias is None else [as_array("gyr_bias", vector).tolist() for vector in gyr_bias],
         bias_from_rest=settings.bias_from_rest,
     )
 
@@ -360,8 +361,8 @@ def _push(stream: _core.CenterStream, gyr1: Any, acc1: Any, gyr2: Any, acc2: Any
         # Not arrays as the core wants them: convert, and let the core say what is wrong with the rest.
         names = ("gyr1", "acc1", "gyr2", "acc2")
         values = (gyr1, acc1, gyr2, acc2)
-        gyr1, acc1, gyr2, acc2 = (_as_array(name, value) for name, value in zip(names, values, strict=True))
-        time = None if time_s is None else np.atleast_1d(_as_array("time_s", time_s))
+        gyr1, acc1, gyr2, acc2 = (as_array(name, value) for name, value in zip(names, values, strict=True))
+        time = None if time_s is None else np.atleast_1d(as_array("time_s", time_s))
         try:
             stream.push(gyr1, acc1, gyr2, acc2, time)
         except ValueError as error:
@@ -440,15 +441,8 @@ def _axis_pair(axis: Axis | None) -> _Pair | None:
     return [value.tolist() for value in pair if value is not None]
 
 
-def _as_array(name: str, value: object) -> Array:
-    try:
-        return np.ascontiguousarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} must be numbers, shape (3,) or (N, 3); got {type(value).__name__}") from None
-
-
 def _rows(name: str, value: object, width: int | None) -> Array:
-    array = _as_array(name, value)
+    array = as_array(name, value)
     shape = "(N,)" if width is None else f"(N, {width})"
     if array.ndim != (1 if width is None else 2) or (width is not None and array.shape[1] != width):
         raise InputError(f"{name} must have shape {shape}, got {array.shape}")

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from imufast import _core
 from imufast.calibration import JointCalibration
 from imufast.errors import InputError, SettingsError
+from imufast.samples import as_array
 from imufast.settings import Checked, check_choice, check_number
 
 __all__ = ["Complementary", "Mekf", "OrientationFilter"]
@@ -257,8 +258,8 @@ class OrientationFilter:
         except (TypeError, ValueError):
             names = ("gyr1", "acc1", "gyr2", "acc2")
             values = (gyr1, acc1, gyr2, acc2)
-            g1, a1, g2, a2 = (_as_array(name, value) for name, value in zip(names, values, strict=True))
-            time = None if time_s is None else np.atleast_1d(_as_array("time_s", time_s))
+            g1, a1, g2, a2 = (as_array(name, value) for name, value in zip(names, values, strict=True))
+            time = None if time_s is None else np.atleast_1d(as_array("time_s", time_s))
             try:
                 return self._update(g1, a1, g2, a2, time)
             except ValueError as error:
@@ -303,10 +304,3 @@ class OrientationFilter:
             return cls(_core.OrientationFilter.restore(state))
         except ValueError as error:
             raise InputError(f"state cannot be restored: {error}") from None
-
-
-def _as_array(name: str, value: ArrayLike) -> Array:
-    try:
-        return np.ascontiguousarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} must be numbers, shape (3,) or (N, 3); got {type(value).__name__}") from None

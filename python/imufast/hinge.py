@@ -14,6 +14,7 @@ from imufast.decide import Decider, Estimate, HingeStep, Past, Verdict
 from imufast.errors import InputError, SettingsError
 from imufast.imu import Imu
 from imufast.pairs import check_pair
+from imufast.samples import as_array
 from imufast.settings import HingeSettings, check_count, check_number, settings_from
 from imufast.state import pack, unpack
 
@@ -123,9 +124,9 @@ class HingeCalibrator:
         except (TypeError, ValueError):
             # Not arrays as the core wants them: convert, and let the core say what is wrong with the rest.
             gyr1, acc1, gyr2, acc2 = (
-                _as_array(name, a) for name, a in (("gyr1", gyr1), ("acc1", acc1), ("gyr2", gyr2), ("acc2", acc2))
+                as_array(name, a) for name, a in (("gyr1", gyr1), ("acc1", acc1), ("gyr2", gyr2), ("acc2", acc2))
             )
-            time_s = None if time_s is None else np.atleast_1d(_as_array("time_s", time_s))
+            time_s = None if time_s is None else np.atleast_1d(as_array("time_s", time_s))
             try:
                 taken = stream.push(gyr1, acc1, gyr2, acc2, time_s, 0)
             except ValueError as error:
@@ -239,13 +240,6 @@ class HingeCalibrator:
 
 _STATE_VERSION = b"imufast.HingeCalibrator\x01"
 _DECIDER_NUMBERS = ("accepted_at_s", "mounting_changed_at_s", "run", "failed", "slipping", "last_seen")
-
-
-def _as_array(name: str, value: object) -> Array:
-    try:
-        return np.ascontiguousarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} must be numbers, shape (3,) or (N, 3); got {type(value).__name__}") from None
 
 
 def _new_stream(rate_hz: float, settings: HingeSettings) -> _core.HingeStream:

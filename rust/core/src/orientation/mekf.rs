@@ -2,7 +2,8 @@
 //! written for the relative orientation alone.
 //!
 //! The two orientations of the published filter enter the measurement only through `R = R1ᵀ R2`, its noise is the same about all
-//! axes, and so its relative part is a filter of its own with a 3×3 covariance: same estimates, an eighth of the work. In
+//! axes, and so its relative part is a filter of its own with a 3×3 covariance, an eighth of the work: the same estimates as
+//! long as both sensors' accelerations nearly agree (the published H takes each sensor's own; this one that of sensor 2). In
 //! frame 2, with `R = R̂ exp[η×]`: innovation `e = R̂ᵀa1 − a2 = −[a2×]η + noise`.
 
 use serde::{Deserialize, Serialize};

@@ -1,0 +1,18 @@
+"""Samples as they come from a caller."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imufast.errors import InputError
+
+__all__ = ["as_array"]
+
+
+def as_array(name: str, value: object) -> NDArray[np.float64]:
+    """The value as C-contiguous float64; what is not numbers is refused by name."""
+    try:
+        return np.ascontiguousarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be numbers, shape (3,) or (N, 3); got {type(value).__name__}") from None
