@@ -8,6 +8,9 @@ Equation numbers are the paper's. r goes from the joint centre to the sensor. Wh
 - SA needs "other gradient descent-type methods": here BFGS on the subgradients (eqs 21-23) with a line search that halves and
   doubles until both weak Wolfe conditions hold (Lewis & Overton 2013), which is made for kinks. It ends where no step lowers
   the cost any more.
+- The orientations of LS come from section VI-C's extended Kalman filter with orientation deviation states: rates integrated,
+  gravity seen by the accelerometer wherever its norm is within 5 % of g, no magnetometer. Noise as in section V-B. Where it
+  starts is said by its caller; over the pauses of a simulation its error stays.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 TOLERANCE, ITERATIONS, HALVINGS = 1e-12, 300, 30
+GATE, START_STD = 0.05, np.radians(5.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +49,40 @@ def skew(v: Array) -> Array:
     x, y, z = v.T
     zero = np.zeros_like(x)
     return np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), 2, 0)
+
+
+def rotations(vectors: Array) -> Array:
+    """(N, 3, 3) rotation by each rotation vector (N, 3)."""
+    angle = np.linalg.norm(vectors, axis=1)[:, None, None]
+    across = skew(vectors)
+    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * across + 0.5 * np.sinc(0.5 * angle / np.pi) ** 2 * across @ across)
+
+
+def orientations(time_s: Array, gyr: Array, acc: Array, begun: Array, gravity: float, stds: tuple[float, float]) -> Array:
+    """(N, 3, 3) from sensor to global as the extended Kalman filter has them: R is off by the deviation η, true R = exp(η) R,
+    and where ‖a‖ is near g, R a − g e_z = [(R a)×] η. `begun` (N, 3, 3) are true turns from its
+    start, 5° (section V-B) in each direction from the truth; `stds` of gyr and acc, one sample."""
+    gyr_std, acc_std = stds
+    period_s = float(np.median(np.diff(time_s)))
+    found = np.empty_like(begun)
+    still = np.abs(np.linalg.norm(acc, axis=1) - gravity) < GATE * gravity
+    steps_s = np.diff(time_s, prepend=time_s[0])
+    turns = rotations(steps_s[:, None] * np.roll(gyr, 1, axis=0))
+    r, p = begun[0], START_STD**2 * np.eye(3)
+    for k, step_s in enumerate(steps_s):
+        if step_s > 2.5 * period_s:
+            r = r @ begun[k - 1].T @ begun[k]
+        else:
+            r = r @ turns[k]
+            p = p + (step_s * gyr_std) ** 2 * np.eye(3)
+        if still[k]:
+            seen = r @ acc[k]
+            h = skew(seen[None])[0]
+            gain = np.linalg.solve(h @ p @ h.T + acc_std**2 * np.eye(3), h @ p).T
+            r = rotations((gain @ (seen - [0.0, 0.0, gravity]))[None])[0] @ r
+            p = p - gain @ h @ p
+        found[k] = r
+    return found
 
 
 def k_matrix(gyr: Array, gyr_dot: Array) -> Array:

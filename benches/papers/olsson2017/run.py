@@ -6,7 +6,8 @@ Table I is made as in section V-B. For Tables II to IV the rig's segments S3 to 
 accelerometer biases of `--acc-bias`, S6 and S7 with collisions, gyroscope biases as S1 leaves them: none), because the paper's
 recording is not public; the simulated ones share the runs. The published methods see instants at which a sensor turns faster
 than 1.2 rad/s, 500 at random where the paper says so, and the literal ones start where the paper's do, at random; imufast needs
-no random start. The orientations that LS needs are the true ones, turned by errors of section V-B's size that drift slowly.
+no random start. The orientations that LS needs come from the paper's filter (literal.orientations), which takes accelerations
+for gravity wherever their norm allows it, as section VI-C says. Collisions are rare, as the spread of SS in S6 says.
 
 "default" is imufast without settings. In Table I it gets the same samples; else the whole recording or segment, which is one
 estimate where the others draw many, so that its std is that between recordings (in Table IV, over the soft tissue). The paper's
@@ -40,6 +41,7 @@ from olsson2017.literal import Array, Moments
 RATE_HZ, LEAST_RATE, PICKED = 100.0, 1.2, 500
 ACC_STD, GYR_STD, GYR_DOT_STD = np.sqrt([1e-2, 1e-5, 5e-2])
 ORIENTATION_STD = np.radians(5.0)
+GRAVITY = 9.82
 TISSUE_STD = 0.018 / np.pi
 SAME_COST = 1e-3
 R1, R2 = np.array([0.334, 0.0, 0.028]), np.array([-0.325, 0.0, 0.028])
@@ -58,13 +60,6 @@ PAPER: dict[str, tuple[tuple[float, float, float, float], ...]] = {
     "IV": ((31.6, 12.2, 22.7, 12.4), (17.6, 5.6, 11.2, 4.2), (15.2, 3.7, 10.4, 4.0)),
 }
 Rows = list[list[str | None]]
-
-
-def rotations(vectors: Array) -> Array:
-    """(N, 3, 3) rotation by each rotation vector (N, 3)."""
-    angle = np.linalg.norm(vectors, axis=1)[:, None, None]
-    across = literal.skew(vectors)
-    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * across + 0.5 * np.sinc(0.5 * angle / np.pi) ** 2 * across @ across)
 
 
 def matrices(q: Array) -> Array:
@@ -197,7 +192,7 @@ def ideal(rng: np.random.Generator, count: int) -> Samples:
     """Independent samples of section V-B."""
 
     def turns(std: float) -> Array:
-        return rotations(std * rng.standard_normal((count, 3)))
+        return literal.rotations(std * rng.standard_normal((count, 3)))
 
     def signals(rotation: Array, r: Array) -> tuple[Array, Array, Array]:
         gyr, gyr_dot = 10.0 * rng.standard_normal((2, count, 3))
@@ -207,7 +202,7 @@ def ideal(rng: np.random.Generator, count: int) -> Samples:
 
     stds = GYR_STD, GYR_DOT_STD, ACC_STD
     direction = rng.standard_normal((count, 3))
-    a0 = 9.82 * (direction / np.linalg.norm(direction, axis=1, keepdims=True))[:, None, :]
+    a0 = GRAVITY * (direction / np.linalg.norm(direction, axis=1, keepdims=True))[:, None, :]
     rotation1, rotation2 = (matrices(unit(rng.standard_normal((count, 4)))) for _ in (1, 2))
     moments = Moments(*signals(rotation1, R1), *signals(rotation2, R2))
     return Samples(moments, turns(ORIENTATION_STD) @ rotation1, turns(ORIENTATION_STD) @ rotation2)
@@ -246,13 +241,17 @@ class Rig:
             seed=seed,
             gyr_noise=float(GYR_STD),
             acc_noise=float(ACC_STD),
-            gravity=9.82,
-            collisions=imufast.Collisions(per_s=0.2, motions=("S6", "S7")),
+            gravity=GRAVITY,
+            collisions=imufast.Collisions(per_s=0.1, motions=("S6", "S7")),
             **imufast.random_biases(seed, gyr_rad_s=0.0, acc_m_s2=acc_bias),
             **imufast.paper_rig(),
         )
         rng = np.random.default_rng([2017, 2, seed])
-        turned = [drift(s.time_s, rng) @ matrices(q) for q in (s.q_1, s.q_2)]
+        off = literal.rotations(ORIENTATION_STD * rng.standard_normal((2, 3)))
+        turned = [
+            literal.orientations(s.time_s, gyr, acc, off[i] @ matrices(q), GRAVITY, (float(GYR_STD), float(ACC_STD)))
+            for i, (gyr, acc, q) in enumerate(((s.gyr1, s.acc1, s.q_1), (s.gyr2, s.acc2, s.q_2)))
+        ]
         # Eq. 8, where both neighbours are one period away.
         k = np.arange(1, len(s.time_s) - 1)
         k = k[s.time_s[k + 1] - s.time_s[k - 1] < 2.5 / RATE_HZ]
@@ -280,15 +279,6 @@ class Rig:
         rows = np.ones(len(s.time_s), bool) if segment is None else s.motion == segment
         pairs = ((s.gyr1, s.acc1 + added1), (s.gyr2, s.acc2 + added2))
         return [imufast.Imu(gyr[rows], acc[rows], time_s=s.time_s[rows], name=str(i + 1)) for i, (gyr, acc) in enumerate(pairs)]
-
-
-def drift(time_s: Array, rng: np.random.Generator) -> Array:
-    """(N, 3, 3) orientation errors that wander slowly: each component a sum of sinusoids of 0.01 to 0.1 Hz."""
-    count = 12
-    frequency = rng.uniform(0.01, 0.1, (count, 3))
-    phase = rng.uniform(-np.pi, np.pi, (count, 3))
-    waves = np.sin(2.0 * np.pi * time_s[:, None, None] * frequency + phase).sum(axis=1)
-    return rotations(ORIENTATION_STD * np.sqrt(2.0 / count) * waves)
 
 
 def default_fits(tally: Tally, recording: int, pair: Sequence[imufast.Imu], q_12: Array) -> None:

@@ -43,6 +43,7 @@ pub mod rest;
 pub mod rigid_body;
 pub mod so3;
 pub mod state;
+mod wide;
 
 /// A vector in a sensor frame, as it arrives: x, y, z.
 pub type Xyz = [f64; 3];

@@ -1,6 +1,7 @@
 //! What a rigid body does to a sensor that sits off the joint centre: eqs 1–5 of Olsson & Halvorsen 2017, and the angular
 //! acceleration that they need.
 
+use alloc::vec::Vec;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -68,54 +69,70 @@ pub struct Moment {
     pub gyr_dot2: Xyz,
 }
 
+/// Moments that are made side by side.
+pub(crate) const RUN: usize = 32;
+/// Channels of a moment: gyr, gyr_dot, acc of sensor 1, then of sensor 2.
+pub(crate) const MOMENT: usize = 18;
+
+/// Up to [`RUN`] moments, each channel on its own.
+#[derive(Clone, Debug)]
+pub(crate) struct Run {
+    pub count: usize,
+    pub time_s: [f64; RUN],
+    pub channels: [[f64; RUN]; MOMENT],
+}
+
 /// Differentiates the rates of an even stream; late by [`Stencil::reach`] samples.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Differentiator {
     stencil: Stencil,
     step_s: f64,
-    /// The latest samples: a ring whose oldest is at `next` once it is full.
-    window: [(f64, PairSample); 5],
-    next: usize,
-    filled: usize,
+    /// Samples that wait, the oldest first: those whose neighbours have been seen already lead.
+    samples: Vec<(f64, PairSample)>,
 }
 
 impl Differentiator {
     /// For samples `step_s` apart.
     pub fn new(stencil: Stencil, step_s: f64) -> Self {
-        Self { stencil, step_s, window: [(0.0, [0.0; 12]); 5], next: 0, filled: 0 }
+        Self { stencil, step_s, samples: Vec::new() }
     }
 
     /// Forgets what it holds: no derivative crosses a break.
     pub fn reset(&mut self) {
-        (self.next, self.filled) = (0, 0);
+        self.samples.clear();
     }
 
-    /// Takes one sample and gives the moment in the middle of the window, once that is full.
-    pub fn push(&mut self, time_s: f64, sample: &PairSample) -> Option<Moment> {
-        let length = 2 * self.stencil.reach() + 1;
-        self.window[self.next] = (time_s, *sample);
-        self.next = if self.next + 1 == length { 0 } else { self.next + 1 };
-        self.filled = (self.filled + 1).min(length);
-        if self.filled < length {
-            return None;
+    /// Takes one sample, and says whether a whole [`Run`] is ready.
+    #[inline]
+    pub(crate) fn push(&mut self, time_s: f64, sample: &PairSample) -> bool {
+        self.samples.push((time_s, *sample));
+        self.samples.len() == RUN + 2 * self.stencil.reach()
+    }
+
+    /// The moments of all samples whose neighbours have come.
+    pub(crate) fn drain(&mut self) -> Option<Run> {
+        let reach = self.stencil.reach();
+        let count = self.samples.len().checked_sub(2 * reach).filter(|&count| count > 0)?;
+        let mut run = Run { count, time_s: [0.0; RUN], channels: [[0.0; RUN]; MOMENT] };
+        let [one, two] = [0, 6];
+        for (k, window) in self.samples.windows(2 * reach + 1).enumerate() {
+            let (time_s, sample) = &window[reach];
+            run.time_s[k] = *time_s;
+            for c in 0..3 {
+                for (from, to) in [(one, 0), (two, MOMENT / 2)] {
+                    run.channels[to + c][k] = sample[from + c];
+                    run.channels[to + 3 + c][k] = self.stencil.derivative(|n| window[n].1[from + c], self.step_s);
+                    run.channels[to + 6 + c][k] = sample[from + 3 + c];
+                }
+            }
         }
-        let at = |k: usize| {
-            let place = self.next + k;
-            &self.window[if place >= length { place - length } else { place }]
-        };
-        let (time_s, sample) = *at(self.stencil.reach());
-        let (mut gyr_dot1, mut gyr_dot2) = ([0.0; 3], [0.0; 3]);
-        for k in 0..3 {
-            gyr_dot1[k] = self.stencil.derivative(|n| at(n).1[k], self.step_s);
-            gyr_dot2[k] = self.stencil.derivative(|n| at(n).1[6 + k], self.step_s);
-        }
-        Some(Moment { time_s, sample, gyr_dot1, gyr_dot2 })
+        self.samples.drain(..count);
+        Some(run)
     }
 
     /// Whether this, read back, can go on where `fresh` would begin.
     pub(crate) fn fits(&self, fresh: &Self) -> bool {
-        let length = 2 * self.stencil.reach() + 1;
-        self.stencil == fresh.stencil && self.step_s == fresh.step_s && self.filled <= length && self.next < length
+        self.stencil == fresh.stencil && self.step_s == fresh.step_s && self.samples.len() <= 2 * self.stencil.reach()
     }
 }
 
@@ -141,13 +158,19 @@ mod tests {
             let mut count = 0;
             for k in 0..40 {
                 let t = k as f64 * 0.01;
-                if let Some(moment) = differentiator.push(t, &[value(t); 12]) {
-                    assert!((moment.time_s - (t - stencil.reach() as f64 * 0.01)).abs() < 1e-12);
-                    assert!((moment.gyr_dot1[0] - slope(moment.time_s)).abs() < 1e-9);
-                    assert_eq!(moment.gyr_dot1, moment.gyr_dot2);
-                    count += 1;
+                let whole = differentiator.push(t, &[value(t); 12]);
+                if let Some(run) = if whole || k % 7 == 0 { differentiator.drain() } else { None } {
+                    assert_eq!(whole, run.count == RUN);
+                    assert!((run.time_s[run.count - 1] - (t - stencil.reach() as f64 * 0.01)).abs() < 1e-12);
+                    for n in 0..run.count {
+                        assert!((run.channels[3][n] - slope(run.time_s[n])).abs() < 1e-9);
+                        assert_eq!(run.channels[3][n], run.channels[12][n]);
+                        assert_eq!(run.channels[6][n], value(run.time_s[n]));
+                    }
+                    count += run.count;
                 }
             }
+            count += differentiator.drain().map_or(0, |run| run.count);
             assert_eq!(count, 40 - 2 * stencil.reach());
         }
     }

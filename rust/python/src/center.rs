@@ -402,10 +402,11 @@ impl CenterStream {
 impl State {
     fn take(&mut self, samples: impl Iterator<Item = (usize, Option<f64>, PairSample)>) {
         let core = Arc::make_mut(&mut self.core);
-        for (_, time, sample) in samples {
-            let t = time.unwrap_or(self.clock.count as f64 / self.clock.rate_hz);
-            core.push(t, &sample);
-            self.clock.tick(t);
-        }
+        let clock = &mut self.clock;
+        core.push(samples.map(|(_, time, sample)| {
+            let t = time.unwrap_or(clock.count as f64 / clock.rate_hz);
+            clock.tick(t);
+            (t, sample)
+        }));
     }
 }

@@ -4,7 +4,7 @@
 use nalgebra::{ComplexField, Matrix3, Matrix4, Vector3, Vector4, Vector6};
 
 use super::axes::{AxisPair, Tangent};
-use crate::Xyz;
+use crate::{Xyz, wide::wide};
 
 /// Half the cost, its gradient and its Gauss–Newton Hessian in the tangent planes: `V/2`, `Jᵀe`, `JᵀJ`.
 #[derive(Clone, Copy, Debug)]
@@ -59,22 +59,10 @@ fn frame_rows(j: &Vector3<f64>, b: &nalgebra::Matrix3x2<f64>) -> Matrix3<f64> {
     Matrix3::from_columns(&[b.column(0).into(), b.column(1).into(), *j]).transpose()
 }
 
-/// `[Σe², Σ d e (4), Σ d dᵀ (10, upper triangle by rows), Σe]` over all samples, where `J = (−d₁, −d₂, d₃, d₄)`: the signs wait
-/// until the sums are done.
-fn sum_gyr(gyr: [&[f64]; 6], frame: &[Matrix3<f64>; 2]) -> [f64; 16] {
-    #[cfg(all(feature = "std", target_arch = "x86_64"))]
-    if std::arch::is_x86_feature_detected!("avx2") {
-        // SAFETY: the processor has the feature that the function was compiled for, as just asked.
-        return unsafe { sum_gyr_avx2(gyr, frame) };
-    }
-    sum_gyr_chunks(gyr, frame)
-}
-
-/// The same source with wider registers; no fused operations, so the same bits.
-#[cfg(all(feature = "std", target_arch = "x86_64"))]
-#[target_feature(enable = "avx2")]
-fn sum_gyr_avx2(gyr: [&[f64]; 6], frame: &[Matrix3<f64>; 2]) -> [f64; 16] {
-    sum_gyr_chunks(gyr, frame)
+wide! {
+    /// `[Σe², Σ d e (4), Σ d dᵀ (10, upper triangle by rows), Σe]` over all samples, where `J = (−d₁, −d₂, d₃, d₄)`: the signs
+    /// wait until the sums are done.
+    fn sum_gyr(gyr: [&[f64]; 6], frame: &[Matrix3<f64>; 2]) -> [f64; 16] = sum_gyr_chunks;
 }
 
 /// Samples that go through the arithmetic together before they are summed: enough to keep the vector units busy, few enough

@@ -7,10 +7,10 @@ use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::loss::{CHUNK, Chunk};
-use crate::rigid_body::{Moment, lever_matrix};
+use crate::rigid_body::{MOMENT, Moment, Run, lever_matrix};
 
 /// Channels of one sensor, raw: gyr, gyr_dot, acc.
-pub(crate) const RAW: usize = 9;
+pub(crate) const RAW: usize = MOMENT / 2;
 /// Channels of one sensor, smoothed: A, the columns of B and of C, gyr.
 pub(crate) const SMOOTH: usize = 24;
 
@@ -55,8 +55,9 @@ impl Moments {
         self.push_values(time_s, &values);
     }
 
-    #[inline(always)]
-    fn push_values(&mut self, time_s: f64, values: &[f64]) {
+    /// Adds an instant by its channels.
+    #[inline]
+    pub(super) fn push_values(&mut self, time_s: f64, values: &[f64]) {
         debug_assert!(self.is_empty() || self.channels == values.len(), "raw and smoothed instants do not mix");
         self.channels = values.len();
         let place = self.time_s.len() % CHUNK;
@@ -109,6 +110,29 @@ impl Moments {
                 Side { a: vector(0), b: matrix(3), c: matrix(12), gyr: vector(21) }
             }
         })
+    }
+
+    /// Adds all raw instants of a run.
+    pub(crate) fn push_run(&mut self, run: &Run) {
+        debug_assert!(self.is_empty() || self.channels == MOMENT, "raw and smoothed instants do not mix");
+        self.channels = MOMENT;
+        let place = self.time_s.len() % CHUNK;
+        self.time_s.extend_from_slice(&run.time_s[..run.count]);
+        let first = run.count.min(CHUNK - place);
+        let mut from = 0;
+        for (to, count) in [(place, first), (0, run.count - first)] {
+            if count == 0 {
+                continue;
+            }
+            if to == 0 {
+                self.chunks.resize(self.chunks.len() + MOMENT, [0.0; CHUNK]);
+            }
+            let start = self.chunks.len() - MOMENT;
+            for (chunk, channel) in self.chunks[start..].iter_mut().zip(&run.channels) {
+                chunk[to..to + count].copy_from_slice(&channel[from..from + count]);
+            }
+            from += count;
+        }
     }
 
     /// Those at the given places.

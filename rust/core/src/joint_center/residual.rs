@@ -9,6 +9,7 @@ use super::{
     moments::{Moments, Side},
     part,
 };
+use crate::wide::wide;
 
 /// Sums over all samples at one point.
 #[derive(Clone, Copy, Debug)]
@@ -67,7 +68,7 @@ fn norm_and_direction(p: &Vector3<f64>) -> (f64, Vector3<f64>) {
 
 /// The sums at `x`; `biases`: also with respect to the biases.
 pub fn sums(moments: &Moments, x: &Unknowns, loss: Loss, biases: bool) -> Sums {
-    collect(&dispatch(moments, x, loss, biases), biases)
+    collect(&sum(moments, x, loss, biases), biases)
 }
 
 fn collect(raw: &[f64; SUMS], biases: bool) -> Sums {
@@ -103,21 +104,9 @@ pub struct Spread {
     pub scores: Vec<Unknowns>,
 }
 
-/// The sums at `x` by which a solution is judged; samples whose `piece` (of their time) agrees are one piece.
-pub fn spread(moments: &Moments, x: &Unknowns, loss: Loss, biases: bool, piece: impl Fn(f64) -> f64) -> Spread {
-    #[cfg(all(feature = "std", target_arch = "x86_64"))]
-    if std::arch::is_x86_feature_detected!("avx2") {
-        // SAFETY: the processor has the feature that the function was compiled for, as just asked.
-        return unsafe { spread_avx2(moments, x, loss, biases, piece) };
-    }
-    spread_chunks(moments, x, loss, biases, piece)
-}
-
-/// The same source with wider registers; no fused operations, so the same bits.
-#[cfg(all(feature = "std", target_arch = "x86_64"))]
-#[target_feature(enable = "avx2")]
-fn spread_avx2(moments: &Moments, x: &Unknowns, loss: Loss, biases: bool, piece: impl Fn(f64) -> f64) -> Spread {
-    spread_chunks(moments, x, loss, biases, piece)
+wide! {
+    /// The sums at `x` by which a solution is judged; samples whose `piece` (of their time) agrees are one piece.
+    pub fn spread(moments: &Moments, x: &Unknowns, loss: Loss, biases: bool, piece: impl Fn(f64) -> f64) -> Spread = spread_chunks;
 }
 
 /// Of so many blocks one is compared with no lever arms at all.
@@ -144,15 +133,22 @@ fn spread_chunks(moments: &Moments, x: &Unknowns, loss: Loss, biases: bool, piec
         if compared {
             add_products(&mut with_levers, &work.e, &work.e);
         }
-        for (k, time) in times.iter().enumerate() {
+        let mut from = 0;
+        while let Some(time) = times.get(from) {
             let number = piece(*time);
             if number != present {
                 present = number;
                 scores.push(Unknowns::zeros());
             }
+            // Time ascends: a block that ends in this piece is all of this piece.
+            let ends_in_it = times.last().is_some_and(|last| piece(*last) == number);
+            let to = if ends_in_it { times.len() } else { from + times[from..].iter().take_while(|t| piece(**t) == number).count() };
             if let Some(score) = scores.last_mut() {
-                (0..active).for_each(|a| score[a] += work.psi[k] * work.slope[a][k]);
+                for a in 0..active {
+                    score[a] += (from..to).map(|k| work.psi[k] * work.slope[a][k]).sum::<f64>();
+                }
             }
+            from = to;
         }
         add_active(&mut totals[0], &mut work, biases);
         for k in 0..CHUNK {
@@ -177,20 +173,8 @@ const SUMS: usize = 2 + 12 + 78;
 /// Partial sums of one total. Fixed, so that the order of every sum is the same on every machine.
 const LANES: usize = 8;
 
-fn dispatch(moments: &Moments, x: &Unknowns, loss: Loss, biases: bool) -> [f64; SUMS] {
-    #[cfg(all(feature = "std", target_arch = "x86_64"))]
-    if std::arch::is_x86_feature_detected!("avx2") {
-        // SAFETY: the processor has the feature that the function was compiled for, as just asked.
-        return unsafe { sum_avx2(moments, x, loss, biases) };
-    }
-    sum_chunks(moments, x, loss, biases)
-}
-
-/// The same source with wider registers; no fused operations, so the same bits.
-#[cfg(all(feature = "std", target_arch = "x86_64"))]
-#[target_feature(enable = "avx2")]
-fn sum_avx2(moments: &Moments, x: &Unknowns, loss: Loss, biases: bool) -> [f64; SUMS] {
-    sum_chunks(moments, x, loss, biases)
+wide! {
+    fn sum(moments: &Moments, x: &Unknowns, loss: Loss, biases: bool) -> [f64; SUMS] = sum_chunks;
 }
 
 /// Room for one chunk, made once for all.

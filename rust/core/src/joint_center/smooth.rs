@@ -12,7 +12,7 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::moments::Side;
-use crate::{PairSample, Xyz, lowpass::design};
+use crate::{PairSample, Xyz, lowpass::design, wide::wide};
 
 /// Weights of a second difference over nine samples, middle first (exact for polynomials of degree nine).
 const SECOND_DIFFERENCE: [f64; 5] = [-205.0 / 72.0, 8.0 / 5.0, -1.0 / 5.0, 8.0 / 315.0, -1.0 / 560.0];
@@ -142,7 +142,7 @@ impl InertialLowpass {
     fn output(&self) -> [Side; 2] {
         let reach = self.kernel.len() - 1;
         let middle = (self.next + reach) % self.rows.len();
-        let (smooth, curved) = self.filter();
+        let (smooth, curved) = filter(&self.rows, &self.kernel, self.next);
         [0, 1].map(|sensor| {
             let channels =
                 |row: &Row, from: usize| Vector3::from_column_slice(&row[12 * sensor + from..12 * sensor + from + 3]);
@@ -155,15 +155,6 @@ impl InertialLowpass {
                 gyr: self.rates[middle][sensor].into(),
             }
         })
-    }
-
-    fn filter(&self) -> (Row, Row) {
-        #[cfg(all(feature = "std", target_arch = "x86_64"))]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has the feature that the function was compiled for, as just asked.
-            return unsafe { filter_avx2(&self.rows, &self.kernel, self.next) };
-        }
-        filter(&self.rows, &self.kernel, self.next)
     }
 
     /// Whether this, read back, can go on where `fresh` would begin.
@@ -181,16 +172,13 @@ impl InertialLowpass {
     }
 }
 
-/// The same source with wider registers; no fused operations, so the same bits.
-#[cfg(all(feature = "std", target_arch = "x86_64"))]
-#[target_feature(enable = "avx2")]
-fn filter_avx2(rows: &[Row], kernel: &[[f64; 2]], oldest: usize) -> (Row, Row) {
-    filter(rows, kernel, oldest)
+wide! {
+    /// All channels by both kernels; `oldest` is where the ring of rows begins.
+    fn filter(rows: &[Row], kernel: &[[f64; 2]], oldest: usize) -> (Row, Row) = filter_rows;
 }
 
-/// All channels by both kernels; `oldest` is where the ring of rows begins.
 #[inline(always)]
-fn filter(rows: &[Row], kernel: &[[f64; 2]], oldest: usize) -> (Row, Row) {
+fn filter_rows(rows: &[Row], kernel: &[[f64; 2]], oldest: usize) -> (Row, Row) {
     let (length, middle) = (rows.len(), kernel.len() - 1);
     let at = |offset: usize| {
         let place = oldest + offset;

@@ -14,7 +14,7 @@ use crate::{
     PairSample, Xyz,
     condition::{BREAK_STEPS, Conditioner},
     rest::Rest,
-    rigid_body::{Differentiator, Moment, Stencil},
+    rigid_body::{Differentiator, RUN, Stencil},
 };
 
 /// What a stream needs to know from the start.
@@ -105,10 +105,13 @@ impl CenterStream {
         self.intake.delay_s()
     }
 
-    /// Takes one raw sample at `time_s`, later than all before.
-    pub fn push(&mut self, time_s: f64, sample: &PairSample) {
+    /// Takes raw samples with their times, each later than all before.
+    pub fn push(&mut self, samples: impl IntoIterator<Item = (f64, PairSample)>) {
         let Self { conditioner, intake } = self;
-        conditioner.pass(time_s, sample, &mut |time, sample| intake.take(time, sample));
+        for (time_s, sample) in samples {
+            conditioner.pass(time_s, &sample, &mut |time, sample| intake.take(time, sample));
+        }
+        intake.offer_run();
     }
 
     /// The most exciting instants in the order of time, at most as many as the settings say.
@@ -170,6 +173,7 @@ impl Intake {
     #[inline]
     fn take(&mut self, time: f64, sample: &PairSample) {
         if time - self.latest_s > BREAK_STEPS / self.settings.rate_hz {
+            self.offer_run();
             self.smooth.reset();
             self.differentiator.reset();
             self.rest.iter_mut().for_each(Rest::reset);
@@ -199,8 +203,8 @@ impl Intake {
             if let Some(sides) = self.smooth.push(sample) {
                 self.offer_smooth(time - self.delay_s(), &sides);
             }
-        } else if let Some(moment) = self.differentiator.push(time, sample) {
-            self.offer(&moment);
+        } else if self.differentiator.push(time, sample) {
+            self.offer_run();
         }
     }
 
@@ -219,14 +223,38 @@ impl Intake {
         }
     }
 
-    fn offer(&mut self, moment: &Moment) {
-        let square = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>();
-        let rates = [square(&moment.sample[0..3]), square(&moment.sample[6..9])];
-        let dots = [square(&moment.gyr_dot1), square(&moment.gyr_dot2)];
-        let excitement = rates[0] + rates[1] + ComplexField::sqrt(dots[0] + dots[1]);
-        if self.makes_room(rates[0].max(rates[1]), excitement) {
-            self.kept.push(moment);
+    /// Offers the raw instants that are ready.
+    fn offer_run(&mut self) {
+        let Some(run) = self.differentiator.drain() else { return };
+        let [x1, y1, z1, u1, v1, w1, _, _, _, x2, y2, z2, u2, v2, w2, _, _, _] = &run.channels;
+        let (mut rate, mut excitement) = ([0.0; RUN], [0.0; RUN]);
+        for k in 0..RUN {
+            let square = |x: &[f64; RUN], y: &[f64; RUN], z: &[f64; RUN]| x[k] * x[k] + y[k] * y[k] + z[k] * z[k];
+            let rates = [square(x1, y1, z1), square(x2, y2, z2)];
+            let dots = square(u1, v1, w1) + square(u2, v2, w2);
+            rate[k] = if rates[0] > rates[1] { rates[0] } else { rates[1] };
+            excitement[k] = rates[0] + rates[1] + ComplexField::sqrt(dots);
         }
+        if self.keeps_all(run.count) {
+            for excitement in &excitement[..run.count] {
+                let level = level_of(*excitement);
+                self.offered[level] = self.offered[level].wrapping_add(1);
+                self.levels.push(level as u8);
+            }
+            self.kept.push_run(&run);
+            return;
+        }
+        for k in 0..run.count {
+            if self.makes_room(rate[k], excitement[k]) {
+                self.kept.push_values(run.time_s[k], &run.channels.map(|channel| channel[k]));
+            }
+        }
+    }
+
+    /// Whether the next `count` are kept whatever they are, as almost always.
+    fn keeps_all(&self, count: usize) -> bool {
+        let room = self.settings.max_samples - self.kept.len();
+        self.settings.least_rate <= 0.0 && room >= count && self.strides.iter().all(|&stride| stride == 1)
     }
 
     fn offer_smooth(&mut self, time_s: f64, sides: &[Side; 2]) {
@@ -243,13 +271,10 @@ impl Intake {
         if rate < least * least {
             return false;
         }
-        let level = LEVELS.iter().filter(|&&limit| excitement >= 2.0 * limit).count();
+        let level = level_of(excitement);
         let offered = self.offered[level];
         self.offered[level] = offered.wrapping_add(1);
-        let wanted = |strides: &[u64]| match strides[level] {
-            1 => true, // as almost always: spares the division
-            stride => offered.is_multiple_of(stride),
-        };
+        let wanted = |strides: &[u64]| offered.is_multiple_of(strides[level]);
         if !wanted(&self.strides) {
             return false;
         }
@@ -297,7 +322,11 @@ impl Intake {
     }
 }
 
+fn level_of(excitement: f64) -> usize {
+    LEVELS.iter().filter(|&&limit| excitement >= 2.0 * limit).count()
+}
+
 /// Fewer moments cannot be thinned.
 pub const LEAST_SAMPLES: usize = 20;
 /// First bytes of a saved stream; the last is the version of the layout.
-const STATE_VERSION: [u8; 8] = *b"imuctr\0\x01";
+const STATE_VERSION: [u8; 8] = *b"imuctr\0\x02";

@@ -99,7 +99,7 @@ fn with_a_forged_checksum_it_is_refused_or_goes_on_and_never_panics() {
                 body[at] = [0, 1, 127, 128, 255, random.below(256) as u8][random.below(6)];
             }
             if let Some(mut stream) = CenterStream::from_bytes(&forged(&bytes, &body)) {
-                samples.iter().for_each(|(t, s)| stream.push(*t, s));
+                stream.push(samples.iter().copied());
                 let _ = stream.to_bytes();
                 if trial % 10 == 0 {
                     let _ = estimate(stream.moments(), &request, &mut || true);
@@ -137,7 +137,7 @@ fn forged_counts_next_to_overflow_make_nothing_panic() {
             digits.push(rest as u8);
             let body = [&body[..at], &digits, &body[at + 1..]].concat();
             if let Some(mut stream) = CenterStream::from_bytes(&forged(&bytes, &body)) {
-                samples.iter().for_each(|(t, s)| stream.push(*t, s));
+                stream.push(samples.iter().copied());
                 went_on += 1;
             }
         }

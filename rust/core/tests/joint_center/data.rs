@@ -153,6 +153,6 @@ pub fn raw_settings() -> StreamSettings {
 
 pub fn fed(settings: StreamSettings, samples: &[(f64, PairSample)]) -> CenterStream {
     let mut stream = CenterStream::new(settings);
-    samples.iter().for_each(|(t, s)| stream.push(*t, s));
+    stream.push(samples.iter().copied());
     stream
 }

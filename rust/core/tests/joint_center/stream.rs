@@ -44,7 +44,7 @@ fn saved_and_restored_anywhere_it_goes_on_as_if_nothing_had_happened() {
                     stream = CenterStream::from_bytes(&bytes).expect("what was written is read");
                     assert_eq!(stream.to_bytes(), bytes);
                 }
-                stream.push(*t, sample);
+                stream.push([(*t, *sample)]);
             }
             assert_eq!(stream.to_bytes(), whole);
         }
@@ -57,7 +57,7 @@ fn moments_are_bounded_in_number_and_ordered_in_time() {
     for settings in choices() {
         let mut stream = CenterStream::new(settings);
         for (k, (t, sample)) in samples.iter().enumerate() {
-            stream.push(*t, sample);
+            stream.push([(*t, *sample)]);
             assert!(stream.moments().len() <= settings.max_samples);
             if k % 100 == 0 {
                 assert!(stream.moments().time_s().is_sorted_by(|a, b| a < b));
@@ -166,7 +166,7 @@ fn of_equal_moments_those_that_stay_are_spread_over_all_time() {
             let angle = 0.1 * f64::from(k);
             // Steady coning: always equally exciting.
             let sample = [angle.cos(), angle.sin(), 0.0, 9.0, 1.0, 2.0, 0.0, angle.cos(), angle.sin(), 3.0, 9.0, 1.0];
-            stream.push(0.01 * f64::from(k), &sample);
+            stream.push([(0.01 * f64::from(k), sample)]);
         }
         let times = stream.moments().time_s();
         assert!(times.len() >= max_samples / 4 && times.len() <= max_samples);
@@ -187,9 +187,9 @@ fn memory_is_bounded_over_hours_and_goes_to_the_rare_exciting_moments() {
     let mut vigour = Vec::new();
     for minute in 0..120 {
         let start = 30.0 * f64::from(minute);
-        gentle.iter().for_each(|(t, s)| stream.push(start + t, s));
+        stream.push(gentle.iter().map(|(t, s)| (start + t, *s)));
         if minute % 30 == 7 {
-            strong.iter().for_each(|(t, s)| stream.push(start + 15.0 + t, s));
+            stream.push(strong.iter().map(|(t, s)| (start + 15.0 + t, *s)));
             vigour.push(start + 15.0);
         }
         let half = &mut largest[usize::from(minute >= 60)];
