@@ -1,13 +1,14 @@
 """The evaluation of Olsson & Halvorsen 2017 by simulation: their methods, literally, and imufast on the same samples.
 
-    python benches/papers/olsson2017/run.py [--markdown] [--runs 100] [--recordings 5] [--table 1|2|3|4]
+    python benches/papers/olsson2017/run.py [--markdown] [--runs 100] [--recordings 10] [--table 1|2|3|4]
 
 Table I is made as in section V-B. For Tables II to IV the rig's segments S3 to S7 are simulated (100 Hz, noise of section V-B,
-accelerometer biases of `--acc-bias`, S6 and S7 with collisions, gyroscope biases as S1 leaves them: none), because the paper's
-recording is not public; the simulated ones share the runs. The published methods see instants at which a sensor turns faster
-than 1.2 rad/s, 500 at random where the paper says so, and the literal ones start where the paper's do, at random; imufast needs
-no random start. The orientations that LS needs come from the paper's filter (literal.orientations), which takes accelerations
-for gravity wherever their norm allows it, as section VI-C says. Collisions are rare, as the spread of SS in S6 says.
+accelerometer biases of `--acc-bias`, by default what calibrated sensors keep from one year to the next, S6 and S7 with rare
+collisions, gyroscope biases as S1 leaves them: none), because the paper's recording is not public; the simulated ones share the
+runs. The published methods see instants at which a sensor turns faster than 1.2 rad/s, 500 at random where the paper says so,
+and the literal ones start where the paper's do, at random; imufast needs no random start. The orientations that LS needs come
+from the paper's filter (literal.orientations), which takes accelerations for gravity wherever their norm allows it, as section
+VI-C says.
 
 "default" is imufast without settings. In Table I it gets the same samples; else the whole recording or segment, which is one
 estimate where the others draw many, so that its std is that between recordings (in Table IV, over the soft tissue). The paper's
@@ -351,8 +352,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--markdown", action="store_true", help="print tables for a document")
     parser.add_argument("--runs", type=int, default=100, help="runs of each table (or segment); default 100, the paper's")
-    parser.add_argument("--recordings", type=int, default=5, help="simulated recordings that share the runs; default 5")
-    parser.add_argument("--acc-bias", type=float, default=0.1, help="size of each accelerometer bias, m/s²; default 0.1")
+    parser.add_argument("--recordings", type=int, default=10, help="simulated recordings that share the runs; default 10")
+    parser.add_argument("--acc-bias", type=float, default=0.03, help="size of each accelerometer bias, m/s²; default 0.03")
     parser.add_argument("--table", type=int, choices=(1, 2, 3, 4), help="one table only")
     chosen = parser.parse_args()
     refuse_debug_build()
