@@ -14,6 +14,7 @@ from imufast import _core
 from imufast.errors import InputError
 from imufast.imu import Imu
 from imufast.pairs import PairSignals, pair_signals
+from imufast.samples import ReadOnly
 from imufast.settings import AxisSettings, settings_from
 
 __all__ = ["HingeAxis", "HingeMinimum", "JointAxis", "SolveStatus", "estimate_hinge_axis"]
@@ -56,7 +57,7 @@ class HingeMinimum:
 
 
 @dataclass(frozen=True)
-class JointAxis:
+class JointAxis(ReadOnly):
     """The axis of a hinge in the frames of the two sensors on its segments.
 
     Attributes:

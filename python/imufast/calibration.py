@@ -18,6 +18,7 @@ from imufast.errors import InputError, SettingsError
 from imufast.files import write_text
 from imufast.hinge import HingeCalibration
 from imufast.noise import SensorNoise
+from imufast.samples import ReadOnly
 from imufast.settings import check_number
 
 __all__ = ["JointCalibration"]
@@ -34,7 +35,7 @@ def _zeros3() -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class JointCalibration:
+class JointCalibration(ReadOnly):
     """A joint and the two sensors on its segments, as far as they are known. Made by `calibrate_joint`, or by hand: every part
     may be given, none must.
 
@@ -111,6 +112,7 @@ class JointCalibration:
             for name, value in asdict(self.noise).items():
                 if name != "link_std" or value is not None:
                     _number(f"noise.{name}", value, 1e9)
+        super().__post_init__()
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it as versioned JSON (`schema`, `schema_version`; units in the names), whole or not at all. `hinge` and

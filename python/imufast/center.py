@@ -13,7 +13,7 @@ from imufast import _core
 from imufast.errors import InputError, SettingsError
 from imufast.imu import Imu
 from imufast.pairs import check_pair
-from imufast.samples import as_array
+from imufast.samples import ReadOnly, as_array
 from imufast.settings import CenterSettings, check_choice, check_number, settings_from
 from imufast.state import pack, unpack
 
@@ -55,7 +55,7 @@ class CenterStatus(str, Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class JointCenter:
+class JointCenter(ReadOnly):
     """Where a joint sits as seen from the sensors on its two segments.
 
     Attributes:

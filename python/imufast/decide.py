@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imufast import _core
+from imufast.samples import ReadOnly
 from imufast.settings import HingeSettings
 
 __all__ = ["Decider", "Estimate", "HingeStep", "Past", "Verdict"]
@@ -65,7 +66,7 @@ class Verdict(str, Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class HingeStep:
+class HingeStep(ReadOnly):
     """One step of calibration.
 
     Attributes:

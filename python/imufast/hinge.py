@@ -14,7 +14,7 @@ from imufast.decide import Decider, Estimate, HingeStep, Past, Verdict
 from imufast.errors import InputError, SettingsError
 from imufast.imu import Imu
 from imufast.pairs import check_pair
-from imufast.samples import as_array
+from imufast.samples import ReadOnly, as_array
 from imufast.settings import HingeSettings, check_count, check_number, settings_from
 from imufast.state import pack, unpack
 
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class HingeCalibration:
+class HingeCalibration(ReadOnly):
     """A hinge axis as far as the motion has shown it, and whether to believe it.
 
     Attributes:

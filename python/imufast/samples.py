@@ -1,13 +1,16 @@
-"""Samples as they come from a caller."""
+"""Arrays as they come from a caller, and as results hold them."""
 
 from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imufast.errors import InputError
 
-__all__ = ["as_array"]
+__all__ = ["ReadOnly", "as_array"]
 
 
 def as_array(name: str, value: object) -> NDArray[np.float64]:
@@ -16,3 +19,15 @@ def as_array(name: str, value: object) -> NDArray[np.float64]:
         return np.ascontiguousarray(value, dtype=np.float64)
     except (TypeError, ValueError):
         raise InputError(f"{name} must be numbers, shape (3,) or (N, 3); got {type(value).__name__}") from None
+
+
+class ReadOnly:
+    """Base of frozen dataclasses whose arrays cannot be written to either; the caller's own stay as they are."""
+
+    def __post_init__(self) -> None:
+        for field in fields(self):  # type: ignore[arg-type]  # subclasses are dataclasses
+            value: Any = getattr(self, field.name)
+            if isinstance(value, np.ndarray) and value.flags.writeable:
+                view = value.view()
+                view.flags.writeable = False
+                object.__setattr__(self, field.name, view)

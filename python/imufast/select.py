@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from imufast import _core
 from imufast.imu import Imu
 from imufast.pairs import pair_signals
+from imufast.samples import ReadOnly
 from imufast.settings import AxisSettings, settings_from
 
 __all__ = ["SampleSelection", "select_samples"]
 
 
 @dataclass(frozen=True, eq=False)
-class SampleSelection:
+class SampleSelection(ReadOnly):
     """The samples that tell most about the axis.
 
     Indices count the samples of the conditioned signals: without a low-pass those of the Imus. Give the selection to

@@ -19,6 +19,7 @@ from imufast.errors import InputError, SettingsError
 from imufast.filters import Complementary, Mekf, plan
 from imufast.imu import Imu
 from imufast.pairs import check_pair
+from imufast.samples import ReadOnly
 from imufast.smoother import Smoother, run_smoother
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ class TrackStatus(str, Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class RelativeOrientation:
+class RelativeOrientation(ReadOnly):
     """The orientation of sensor 2 as seen from sensor 1 over time.
 
     Attributes:
