@@ -289,7 +289,6 @@ def test_parts_of_a_similar_kind_are_refused(tmp_path: Path, name: str, value: A
         load(tmp_path, plain() | {name: value})
 
 
-@pytest.mark.xfail(strict=True, reason="bug: steps are loaded without a look")
 @pytest.mark.parametrize(("name", "value"), [("time_s", "x"), ("axis1", [1.0, 2.0]), ("misfit", "x"), ("accepted", 3)])
 def test_history_is_checked(tmp_path: Path, name: str, value: Any) -> None:
     content = plain()

@@ -106,9 +106,22 @@ class HingeStep(ReadOnly):
     @classmethod
     def from_plain(cls, plain: dict[str, Any]) -> HingeStep:
         """The step that `plain` wrote. Raises TypeError, KeyError or ValueError where it did not."""
-        arrays = ("axis1", "axis2", "bound95_deg", "published_bound_deg")
-        values = {name: np.array(value) if name in arrays and value is not None else value for name, value in plain.items()}
-        return cls(**values | {"verdict": Verdict(plain["verdict"]), "why": tuple(plain["why"])})
+        lengths = {"axis1": 3, "axis2": 3, "bound95_deg": 2, "published_bound_deg": 2}
+        values: dict[str, Any] = {"verdict": Verdict(plain["verdict"]), "why": tuple(map(str, plain["why"]))}
+        for name, value in plain.items():
+            if name in values or value is None:
+                continue
+            if name == "accepted":
+                fits = isinstance(value, bool)
+            elif name in lengths:
+                value = np.array(value, np.float64)
+                fits = value.shape == (lengths[name],)
+            else:
+                fits = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if not fits:
+                raise ValueError(f"{name} of a step is {value!r}")
+            values[name] = value
+        return cls(**values)
 
 
 @dataclass(frozen=True)
