@@ -142,7 +142,8 @@ fn spread_chunks(moments: &Moments, x: &Unknowns, loss: Loss, biases: bool, piec
             }
             // Time ascends: a block that ends in this piece is all of this piece.
             let ends_in_it = times.last().is_some_and(|last| piece(*last) == number);
-            let to = if ends_in_it { times.len() } else { from + times[from..].iter().take_while(|t| piece(**t) == number).count() };
+            let to =
+                if ends_in_it { times.len() } else { from + times[from..].iter().take_while(|t| piece(**t) == number).count() };
             if let Some(score) = scores.last_mut() {
                 for a in 0..active {
                     score[a] += (from..to).map(|k| work.psi[k] * work.slope[a][k]).sum::<f64>();
