@@ -5,7 +5,7 @@ use std::sync::{Mutex, MutexGuard};
 use imufast_core::{
     PairSample, Xyz,
     orientation::{
-        Complementary, Estimate, Filter as Core, Joint, Mekf, Noise, Outliers, Settings, Signals, Status, method::Method, run,
+        Complementary, Estimates, Filter as Core, Joint, Mekf, Noise, Outliers, Settings, Signals, Status, method::Method, run,
         run_batch,
     },
 };
@@ -294,11 +294,9 @@ fn rows(py: Python<'_>, quaternions: Vec<[f64; 4]>) -> PyResult<Bound<'_, PyArra
 /// q_12 (N, 4), its standard deviation (N,), rad, and 0, 1 or 2 for "starting", "tracking" or "coasting".
 type Tracked<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<u8>>);
 
-fn tracked(py: Python<'_>, estimates: Vec<Estimate>) -> PyResult<Tracked<'_>> {
-    let std: Vec<f64> = estimates.iter().map(|e| e.std).collect();
-    let status: Vec<u8> = estimates.iter().map(|e| e.status as u8).collect();
-    let q = rows(py, estimates.into_iter().map(|e| e.q).collect())?;
-    Ok((q, std.into_pyarray(py), status.into_pyarray(py)))
+fn tracked(py: Python<'_>, Estimates { q, std, status }: Estimates) -> PyResult<Tracked<'_>> {
+    let status: Vec<u8> = status.into_iter().map(|s| s as u8).collect();
+    Ok((rows(py, q)?, std.into_pyarray(py), status.into_pyarray(py)))
 }
 
 fn stopped() -> PyErr {
@@ -327,7 +325,7 @@ pub fn track_filter<'py>(
         settings: &Settings,
         method: M,
         signals: &Signals<'_>,
-    ) -> Option<(Vec<Estimate>, u32)> {
+    ) -> Option<(Estimates, u32)> {
         let mut go_on = || Python::attach(|py| py.check_signals()).is_ok();
         py.detach(|| run::<T, M>(settings, method, signals, &mut go_on)).map(|(e, f)| (e, f.restarts()))
     }

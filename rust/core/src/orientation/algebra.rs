@@ -58,14 +58,26 @@ pub fn rotate_back<L: Lane>(q: Quat<L>, v: Vec3<L>) -> Vec3<L> {
 #[inline(always)]
 pub fn exp<L: Lane>(v: Vec3<L>) -> Quat<L> {
     let x = dot(v, v) * L::splat(0.25);
-    let series = |terms: [f64; 7]| {
-        let [a, b, c, d, e, f, g] = terms.map(L::splat);
-        a + x * (b + x * (c + x * (d + x * (e + x * (f + x * g)))))
-    };
-    let cos = series([1.0, -1.0 / 2.0, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40320.0, -1.0 / 3_628_800.0, 1.0 / 479_001_600.0]);
-    let sinc =
-        series([0.5, -1.0 / 12.0, 1.0 / 240.0, -1.0 / 10080.0, 1.0 / 725_760.0, -1.0 / 79_833_600.0, 1.0 / 12_454_041_600.0]);
+    let cos = series(x, [1.0, -1.0 / 2.0, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40320.0, -1.0 / 3_628_800.0, 1.0 / 479_001_600.0]);
+    let sinc = series(
+        x,
+        [0.5, -1.0 / 12.0, 1.0 / 240.0, -1.0 / 10080.0, 1.0 / 725_760.0, -1.0 / 79_833_600.0, 1.0 / 12_454_041_600.0],
+    );
     [cos, v[0] * sinc, v[1] * sinc, v[2] * sinc]
+}
+
+/// `Σ terms[k] xᵏ` in pairs, which wait less for each other than term after term.
+#[inline(always)]
+fn series<L: Lane>(x: L, [a, b, c, d, e, f, g]: [f64; 7]) -> L {
+    let n = L::splat;
+    let x2 = x * x;
+    ((n(a) + n(b) * x) + (n(c) + n(d) * x) * x2) + ((n(e) + n(f) * x) + n(g) * x2) * (x2 * x2)
+}
+
+/// The opposite rotation.
+#[inline(always)]
+pub fn inverted<L: Lane>([w, x, y, z]: Quat<L>) -> Quat<L> {
+    [w, -x, -y, -z]
 }
 
 /// The first-order step of eq. 5b as a factor: `(1, v/2)`.

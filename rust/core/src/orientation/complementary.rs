@@ -7,10 +7,10 @@
 use serde::{Deserialize, Serialize};
 
 use super::{
-    algebra::{Quat, add, cross, dot, first_order, mul, nearly_unit, normalize, rotate_back, scale},
+    algebra::{Quat, Vec3, add, cross, dot, first_order, inverted, mul, nearly_unit, normalize, rotate_back, scale, sub},
     lane::Lane,
     method::{Method, Tuning},
-    state::{Moment, State},
+    state::{Moment, State, share},
 };
 
 /// How the complementary filter works.
@@ -41,33 +41,51 @@ impl Default for Complementary {
 }
 
 /// Below this square of a cross product of accelerations, (m/s²)⁴, there is no direction to correct in.
-const TINY: f64 = 1e-24;
+const TINY: f64 = 1e-18;
+
+/// A correction: by how fast sensor 2 turns against sensor 1, `√(over/under)·direction` in frame 2, rad/s.
+struct Correction<L> {
+    direction: Vec3<L>,
+    over: L,
+    under: L,
+}
+
+impl<L: Lane> Correction<L> {
+    #[inline(always)]
+    fn rate(&self) -> Vec3<L> {
+        scale(self.direction, (self.over / self.under).sqrt())
+    }
+
+    /// Its first-order step (eq. 5b), `(1, rate·dt/2)`, brought to length one: one division, and two roots side by side.
+    #[inline(always)]
+    fn step(&self, dt: L) -> Quat<L> {
+        let over = self.over * (dt * dt * L::splat(0.25));
+        let per_length2 = L::splat(1.0) / (self.under + over * dot(self.direction, self.direction));
+        let [x, y, z] = scale(self.direction, (over * per_length2).sqrt());
+        [(self.under * per_length2).sqrt(), x, y, z]
+    }
+}
 
 impl Complementary {
-    /// Correction of the two sensors' angular velocities as a rate about `direction` (frame 2), by which sensor 2 turns
-    /// against sensor 1, rad/s.
+    /// Eqs 12 and 13: along the gradient, as fast as β says.
     #[inline(always)]
-    fn rate<L: Lane>(&self, s: &State<L>, m: &Moment<L>, seen: [L; 3], along: [L; 3]) -> [L; 3] {
+    fn correction<L: Lane>(&self, s: &State<L>, m: &Moment<L>, seen: Vec3<L>, along: Vec3<L>) -> Correction<L> {
         // −Rᵀu: turning sensor 2 this way brings its acceleration onto that of sensor 1.
         let v = cross(m.acc2, seen);
         let plain = dot(v, v).at_least(L::splat(TINY));
-        let v = add(v, scale(s.up, dot(v, along) * L::splat(self.heading_gain - 1.0)));
-        let size = dot(v, v).at_least(L::splat(TINY));
+        let direction = add(v, scale(s.up, dot(v, along) * L::splat(self.heading_gain - 1.0)));
+        let size = dot(direction, direction).at_least(L::splat(TINY));
+        let level = dot(m.acc2, m.acc2) * dot(seen, seen) * L::splat(self.soft_angle * self.soft_angle);
         // Each sensor takes β/√2 (eq. 12); together they turn by √2·β.
-        let speed = (L::splat(self.beta) + s.boost) * L::splat(core::f64::consts::SQRT_2);
-        if self.soft_angle > 0.0 {
-            let level = dot(m.acc2, m.acc2) * dot(seen, seen) * L::splat(self.soft_angle * self.soft_angle);
-            return scale(v, speed * (plain / ((plain + level) * size)).sqrt());
-        }
-        scale(v, speed / size.sqrt())
+        let beta = L::splat(self.beta) + s.boost;
+        Correction { direction, over: (beta * beta) * (plain + plain), under: (plain + level) * size }
     }
 
     /// Both halves of eq. 8 in their frames: what is taken from ω1 and from ω2.
     #[inline(always)]
-    fn halves<L: Lane>(q: Quat<L>, rate: [L; 3]) -> [[L; 3]; 2] {
+    fn halves<L: Lane>(q: Quat<L>, rate: Vec3<L>) -> [Vec3<L>; 2] {
         let half = scale(rate, L::splat(0.5));
-        let [w, x, y, z] = q;
-        [rotate_back([w, -x, -y, -z], half), scale(half, L::splat(-1.0))]
+        [rotate_back(inverted(q), half), scale(half, L::splat(-1.0))]
     }
 }
 
@@ -86,8 +104,8 @@ impl Method for Complementary {
     fn step<L: Lane>(&self, t: &Tuning<L>, s: &mut State<L>, m: &Moment<L>, correct: bool) {
         let mut m = *m;
         if self.bias_gain > 0.0 {
-            m.turn1 = add(m.turn1, scale(s.gyr_bias[0], -m.dt));
-            m.turn2 = add(m.turn2, scale(s.gyr_bias[1], -m.dt));
+            let turns = [add(m.turn1, scale(s.gyr_bias[0], -m.dt)), add(m.turn2, scale(s.gyr_bias[1], -m.dt))];
+            m = Moment::new([m.dt, m.per_dt], turns, [m.acc1, m.acc2]);
         }
         let spread = t.process(L::splat(1.0), &m);
         s.p[0] = s.p[0] + spread;
@@ -95,24 +113,23 @@ impl Method for Complementary {
         if self.literal {
             self.literal_step(s, &m, correct);
         } else {
-            s.turn(m.turn1, m.turn2);
+            s.turn(&m);
         }
         if !correct {
             s.q = normalize(s.q);
             return;
         }
         let seen = s.expected(&m);
-        let error = [seen[0] - m.acc2[0], seen[1] - m.acc2[1], seen[2] - m.acc2[2]];
+        let error = sub(seen, m.acc2);
         let error2 = dot(error, error);
         let (flat2, along) = s.observe(&m, seen, error2);
         if !self.literal {
-            let rate = self.rate(s, &m, seen, along);
+            let correction = self.correction(s, &m, seen, along);
             if self.bias_gain > 0.0 {
-                self.feed_back(s, rate, m.dt);
+                self.feed_back(s, correction.rate(), m.dt);
             }
-            s.q = nearly_unit(mul(s.q, first_order(scale(rate, m.dt))));
-            let fade = (m.dt * L::splat(1.0 / self.settle_s)).at_most(L::splat(1.0));
-            s.boost = s.boost - s.boost * fade;
+            s.q = mul(nearly_unit(s.q), correction.step(m.dt));
+            s.boost = s.boost - s.boost * share(m.dt, self.settle_s);
         }
         // Two scalar filters tell how much is known: tilt is seen by the whole acceleration, heading by its horizontal part.
         let [tilt, heading] = [s.p[0], s.p[1]];
@@ -144,19 +161,17 @@ impl Complementary {
         let (mut turn1, mut turn2) = (m.turn1, m.turn2);
         if correct {
             let seen = s.expected(m);
-            let rate = self.rate(s, m, seen, [L::splat(0.0); 3]);
-            let [half1, half2] = Self::halves(s.q, rate);
+            let [half1, half2] = Self::halves(s.q, self.correction(s, m, seen, [L::splat(0.0); 3]).rate());
             turn1 = add(turn1, scale(half1, -m.dt));
             turn2 = add(turn2, scale(half2, -m.dt));
         }
-        let [w, x, y, z] = first_order(turn1);
-        s.q = normalize(mul(mul([w, -x, -y, -z], s.q), first_order(turn2)));
+        s.q = normalize(mul(mul(inverted(first_order(turn1)), s.q), first_order(turn2)));
         s.up = add(s.up, cross(s.up, turn2));
     }
 
     /// The mean of a correction that persists is a bias of the gyroscopes: each takes its half.
     #[inline(always)]
-    fn feed_back<L: Lane>(&self, s: &mut State<L>, rate: [L; 3], dt: L) {
+    fn feed_back<L: Lane>(&self, s: &mut State<L>, rate: Vec3<L>, dt: L) {
         let [half1, half2] = Self::halves(s.q, rate);
         let gain = dt * L::splat(self.bias_gain);
         s.gyr_bias = [add(s.gyr_bias[0], scale(half1, gain)), add(s.gyr_bias[1], scale(half2, gain))];

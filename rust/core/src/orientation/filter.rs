@@ -4,10 +4,10 @@ use nalgebra::ComplexField;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    algebra::{Quat, Vec3, exp, mul, normalize, scale},
+    algebra::{Quat, Vec3, inverted, mul, normalize, scale},
     lane::{Lane, Real},
     method::{Method, Tuning, mean},
-    ring::{EVEN, LENGTH, Ring, stencil_step},
+    ring::{LENGTH, Ring, is_even, stencil_step},
     start::Start,
     state::{Joint, Moment, Noise, State, at_joint_center},
 };
@@ -91,6 +91,14 @@ pub enum Status {
     Coasting = 2,
 }
 
+impl Status {
+    /// After the start.
+    #[inline(always)]
+    pub(super) fn of(std: f64) -> Self {
+        if std > VAGUE_STD { Self::Coasting } else { Self::Tracking }
+    }
+}
+
 /// Above this, rad, an estimate counts as vague.
 const VAGUE_STD: f64 = 0.0873;
 
@@ -111,6 +119,8 @@ const WRONG: f64 = 0.7;
 const WRONG_POWER: f64 = 0.2;
 /// ...this long after the start, s.
 const WRONG_AFTER_S: f64 = 5.0;
+/// No sound number of a filter is as large.
+const ENDLESS: f64 = 1e30;
 
 /// Whether a sample holds numbers only.
 #[inline(always)]
@@ -121,14 +131,17 @@ pub(super) fn is_finite(s: &PairSample) -> bool {
 
 /// Root of the trace of the covariance, rad.
 #[inline(always)]
-pub(super) fn spread<L: Lane, M: Method>(method: &M, state: &State<L>) -> L {
-    method.variance(state).at_least(L::splat(0.0)).sqrt().at_most(L::splat(LARGEST_STD))
+pub(super) fn spread<L: Lane>(variance: L) -> L {
+    variance.at_least(L::splat(0.0)).sqrt().at_most(L::splat(LARGEST_STD))
 }
 
-/// Whether the watch on the heading says so; not where it holds no numbers.
+/// Whether, in some lane, the heading looks wrong or there are no numbers any more.
 #[inline(always)]
-pub(super) fn looks_wrong(error: f64, power: f64) -> bool {
-    error > WRONG * power && power > WRONG_POWER
+pub(super) fn alarm<L: Lane>(state: &State<L>) -> bool {
+    let [error, power] = state.watch;
+    let wrong = power.where_above(L::splat(WRONG_POWER), error - power * L::splat(WRONG), L::splat(-1.0));
+    let sum = error + state.q[0];
+    L::splat(ENDLESS).where_above(sum.at_least(-sum), wrong, L::splat(1.0)).any_above(L::splat(0.0))
 }
 
 /// The filter.
@@ -167,8 +180,7 @@ pub struct Filter<T, M> {
 struct Step<T> {
     dt: f64,
     per_dt: f64,
-    turn1: Vec3<T>,
-    turn2: Vec3<T>,
+    turns: [Vec3<T>; 2],
 }
 
 impl<T: Real, M: Method> Filter<T, M> {
@@ -230,7 +242,7 @@ impl<T: Real, M: Method> Filter<T, M> {
                 self.flush(sink);
                 self.stretch = number;
             }
-            if ComplexField::abs(steps - 1.0) > EVEN {
+            if !is_even(steps) {
                 self.even = number;
             }
         }
@@ -309,18 +321,18 @@ impl<T: Real, M: Method> Filter<T, M> {
     fn step_to(&self, number: u64) -> Step<T> {
         let Some(before) = number.checked_sub(1) else {
             let (dt, per_dt) = (self.step_s, self.settings.rate_hz);
-            return Step { dt, per_dt, turn1: [T::default(); 3], turn2: [T::default(); 3] };
+            return Step { dt, per_dt, turns: [[T::default(); 3]; 2] };
         };
         let dt = self.ring.time(number) - self.ring.time(before);
-        let even = ComplexField::abs(dt * self.settings.rate_hz - 1.0) <= EVEN;
-        let (dt, per_dt) = if even { (self.step_s, self.settings.rate_hz) } else { (dt, 1.0 / dt) };
+        let (dt, per_dt) =
+            if is_even(dt * self.settings.rate_hz) { (self.step_s, self.settings.rate_hz) } else { (dt, 1.0 / dt) };
         // Two calls, not a map over an array: that would not be inlined.
         let turn = |sensor: usize| {
             let now = self.ring.gyr(number, sensor);
             let rate = if self.settings.midpoint { mean(self.ring.gyr(before, sensor), now) } else { now };
             scale(rate, T::splat(dt))
         };
-        Step { dt, per_dt, turn1: turn(0), turn2: turn(1) }
+        Step { dt, per_dt, turns: [turn(0), turn(1)] }
     }
 
     /// Acceleration of the joint centre at `number`, whose neighbours are there.
@@ -349,19 +361,26 @@ impl<T: Real, M: Method> Filter<T, M> {
         if gap {
             self.cross_gap(&step);
         }
-        let [acc1, acc2] = if correct { self.accelerations(number) } else { [[T::default(); 3]; 2] };
-        let moment =
-            Moment { dt: T::splat(step.dt), per_dt: T::splat(step.per_dt), turn1: step.turn1, turn2: step.turn2, acc1, acc2 };
+        let accelerations = if correct { self.accelerations(number) } else { [[T::default(); 3]; 2] };
+        let moment = Moment::new([step.dt, step.per_dt].map(T::splat), step.turns, accelerations);
         self.done += 1;
         if self.start.is_some() {
             return self.prepare(&moment, step.dt, correct);
         }
         self.method.step(&self.tuning.cast(), &mut self.state, &moment, correct);
-        self.tracking_s += step.dt;
+        self.tracked_for(step.dt);
         if correct {
             self.watch();
         }
         self.estimate()
+    }
+
+    /// Counts the seconds since the start, as long as they matter.
+    #[inline(always)]
+    pub(super) fn tracked_for(&mut self, dt: f64) {
+        if self.tracking_s <= WRONG_AFTER_S {
+            self.tracking_s += dt;
+        }
     }
 
     /// One instant of the start.
@@ -408,10 +427,11 @@ impl<T: Real, M: Method> Filter<T, M> {
     /// Starts anew where the two sensors' horizontal accelerations say that the heading is wrong.
     #[inline(always)]
     pub(super) fn watch(&mut self) {
-        let [error, power] = [self.state.watch[0].to_f64(), self.state.watch[1].to_f64()];
-        let broken = !(error + self.state.q[0].to_f64()).is_finite();
-        let wrong = looks_wrong(error, power) && self.settings.restart && self.tracking_s > WRONG_AFTER_S;
-        if wrong || broken {
+        if !alarm(&self.state) {
+            return;
+        }
+        let broken = !(self.state.watch[0] + self.state.q[0]).to_f64().is_finite();
+        if broken || (self.settings.restart && self.tracking_s > WRONG_AFTER_S) {
             self.start = Some(Start::new(self.settings.start_fade_s));
             self.restarts += 1;
         }
@@ -421,13 +441,8 @@ impl<T: Real, M: Method> Filter<T, M> {
     pub(super) fn estimate(&self) -> Estimate {
         let [w, x, y, z] = self.state.q;
         let q = [w.to_f64(), x.to_f64(), y.to_f64(), z.to_f64()];
-        Self::judged(q, spread(&self.method, &self.state).to_f64())
-    }
-
-    #[inline(always)]
-    pub(super) fn judged(q: Quat<f64>, std: f64) -> Estimate {
-        let status = if std > VAGUE_STD { Status::Coasting } else { Status::Tracking };
-        Estimate { q, std, status }
+        let std = spread(self.method.variance(&self.state)).to_f64();
+        Estimate { q, std, status: Status::of(std) }
     }
 
     /// The estimate at the latest sample: the accelerations of the last [`Self::delay_samples`] are not used yet, the
@@ -445,18 +460,15 @@ impl<T: Real, M: Method> Filter<T, M> {
         };
         for number in self.done..self.count {
             let step = self.step_to(number);
-            let [turn1, turn2] = [step.turn1, step.turn2].map(|v| v.map(T::to_f64));
-            let [w, x, y, z] = exp(turn1);
-            q = mul(mul([w, -x, -y, -z], q), exp(turn2));
-            let zero = [0.0; 3];
-            let m = Moment { dt: step.dt, per_dt: step.per_dt, turn1, turn2, acc1: zero, acc2: zero };
+            let m = Moment::new([step.dt, step.per_dt], step.turns.map(|v| v.map(T::to_f64)), [[0.0; 3]; 2]);
+            q = mul(mul(inverted(m.step[0]), q), m.step[1]);
             variance += 3.0 * self.tuning.process(self.state.drift.to_f64(), &m);
             if number > 0 && number == self.stretch {
                 variance += 3.0 * gap_variance(&step);
             }
         }
-        let estimate = Self::judged(normalize(q), ComplexField::sqrt(variance).min(LARGEST_STD));
-        if starting { Estimate { status: Status::Starting, ..estimate } } else { estimate }
+        let std = ComplexField::sqrt(variance).min(LARGEST_STD);
+        Estimate { q: normalize(q), std, status: if starting { Status::Starting } else { Status::of(std) } }
     }
 
     /// Mean square of the horizontal acceleration of the joint over the last ten seconds, (m/s²)²: heading is seen by it.
@@ -509,7 +521,7 @@ impl<T: Real, M: Method> Filter<T, M> {
 
 /// Variance about one axis of what the joint may have done unseen, rad².
 fn gap_variance<T: Real>(step: &Step<T>) -> f64 {
-    let turned: f64 = [step.turn1, step.turn2].as_flattened().iter().map(|x| x.to_f64() * x.to_f64()).sum();
+    let turned: f64 = step.turns.as_flattened().iter().map(|x| x.to_f64() * x.to_f64()).sum();
     let rate = LEAST_RATE + ComplexField::sqrt(turned) / step.dt;
     let std = UNEVENNESS * rate * step.dt * step.dt * step.dt;
     (std * std).min(core::f64::consts::PI * core::f64::consts::PI / 3.0)

@@ -1,10 +1,12 @@
-//! Numbers the filters compute with: one stream (`f64`, `f32`) or several side by side ([`Wide`]). The arithmetic of a filter is
-//! written once over [`Lane`]; lanes never mix, so a stream in a lane gives the bits it gives alone.
+//! Numbers the filters compute with: one (`f64`, `f32`), or eight side by side (`eight`). The arithmetic of a filter is written
+//! once over [`Lane`]; lanes never mix, so each gives the bits it gives alone.
 
 use core::ops::{Add, Div, Mul, Neg, Sub};
 
 use nalgebra::ComplexField;
 use serde::{Serialize, de::DeserializeOwned};
+
+use super::eight::Eight;
 
 /// What a filter needs of a number.
 pub trait Lane:
@@ -26,16 +28,24 @@ pub trait Lane:
     fn at_most(self, other: Self) -> Self {
         self.where_above(other, other, self)
     }
+    /// Whether some lane is above its limit.
+    fn any_above(self, limit: Self) -> bool;
 }
 
 /// A number of one stream, as it is stored and saved.
 pub trait Real: Lane + Serialize + DeserializeOwned + Default + core::fmt::Debug + PartialEq + Send + 'static {
+    /// Eight of them in AVX registers, where there are any.
+    type Registers: Eight<Self>;
+    /// Eight of them in AVX-512 registers...
+    type Wider: Eight<Self>;
+    /// ...if that is worth it.
+    const HAS_WIDER: bool;
     /// As a double.
     fn to_f64(self) -> f64;
 }
 
 macro_rules! real {
-    ($real:ty) => {
+    ($real:ty, $registers:ty, $wider:ty, $has_wider:literal) => {
         impl Lane for $real {
             #[inline(always)]
             fn splat(value: f64) -> Self {
@@ -49,69 +59,31 @@ macro_rules! real {
             fn where_above(self, limit: Self, yes: Self, no: Self) -> Self {
                 if self > limit { yes } else { no }
             }
+            #[inline(always)]
+            fn any_above(self, limit: Self) -> bool {
+                self > limit
+            }
         }
         impl Real for $real {
+            type Registers = $registers;
+            type Wider = $wider;
+            const HAS_WIDER: bool = $has_wider;
+            #[inline(always)]
             fn to_f64(self) -> f64 {
                 f64::from(self)
             }
         }
     };
 }
-real!(f64);
-real!(f32);
-
-/// `N` streams side by side.
-#[derive(Clone, Copy, Debug)]
-#[repr(C, align(32))]
-pub struct Wide<T, const N: usize>(pub [T; N]);
-
-macro_rules! lanewise {
-    ($name:ident, $call:ident) => {
-        impl<T: Real, const N: usize> $name for Wide<T, N> {
-            type Output = Self;
-            #[inline(always)]
-            fn $call(mut self, other: Self) -> Self {
-                for (a, b) in self.0.iter_mut().zip(other.0) {
-                    *a = a.$call(b);
-                }
-                self
-            }
-        }
-    };
-}
-lanewise!(Add, add);
-lanewise!(Sub, sub);
-lanewise!(Mul, mul);
-lanewise!(Div, div);
-
-impl<T: Real, const N: usize> Neg for Wide<T, N> {
-    type Output = Self;
-    #[inline(always)]
-    fn neg(mut self) -> Self {
-        for a in &mut self.0 {
-            *a = -*a;
-        }
-        self
-    }
-}
-
-impl<T: Real, const N: usize> Lane for Wide<T, N> {
-    #[inline(always)]
-    fn splat(value: f64) -> Self {
-        Self([T::splat(value); N])
-    }
-    #[inline(always)]
-    fn sqrt(mut self) -> Self {
-        for a in &mut self.0 {
-            *a = a.sqrt();
-        }
-        self
-    }
-    #[inline(always)]
-    fn where_above(self, limit: Self, yes: Self, mut no: Self) -> Self {
-        for k in 0..N {
-            no.0[k] = self.0[k].where_above(limit.0[k], yes.0[k], no.0[k]);
-        }
-        no
-    }
-}
+#[cfg(all(feature = "std", target_arch = "x86_64"))]
+use super::eight::registers::{Doubles256, Doubles512, Singles256};
+#[cfg(all(feature = "std", target_arch = "x86_64"))]
+real!(f64, Doubles256, Doubles512, true);
+#[cfg(all(feature = "std", target_arch = "x86_64"))]
+real!(f32, Singles256, Singles256, false);
+#[cfg(not(all(feature = "std", target_arch = "x86_64")))]
+use super::eight::Array;
+#[cfg(not(all(feature = "std", target_arch = "x86_64")))]
+real!(f64, Array<f64>, Array<f64>, false);
+#[cfg(not(all(feature = "std", target_arch = "x86_64")))]
+real!(f32, Array<f32>, Array<f32>, false);

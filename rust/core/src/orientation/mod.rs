@@ -2,7 +2,7 @@
 //!
 //! | module | holds |
 //! | --- | --- |
-//! | [`lane`] | numbers of one stream, or of several side by side |
+//! | [`lane`], `eight` | numbers of one instant, or of eight side by side |
 //! | `algebra` | quaternions and symmetric matrices over them |
 //! | [`start`] | the closed form over the first seconds |
 //! | [`state`] | what a filter knows, what an instant tells |
@@ -11,17 +11,19 @@
 //! | [`mekf`] | multiplicative extended Kalman filter |
 //! | [`filter`] | samples in, estimates out: delay, gaps, restarts |
 //! | [`run`](mod@run) | whole recordings: what comes in, what is carried back |
-//! | [`batch`] | one recording, or many side by side |
+//! | [`batch`], `pack` | one recording, or many side by side |
 //! | [`smoother`] | the most probable orientation over a whole recording |
 
 mod algebra;
 pub mod batch;
 mod bytes;
 pub mod complementary;
+mod eight;
 pub mod filter;
 pub mod lane;
 pub mod mekf;
 pub mod method;
+mod pack;
 mod ring;
 pub mod run;
 pub mod smoother;
@@ -32,6 +34,6 @@ pub use batch::{run, run_batch};
 pub use complementary::Complementary;
 pub use filter::{Estimate, Filter, Settings, Status};
 pub use mekf::{Mekf, Outliers};
-pub use run::Signals;
+pub use run::{Estimates, Signals};
 pub use start::start_of;
 pub use state::{Joint, Noise};

@@ -1,5 +1,6 @@
 //! The last samples of a stream, as many as differentiation looks back on, without allocation.
 
+use nalgebra::ComplexField;
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -15,7 +16,13 @@ pub(super) const WIDEST: u64 = 15;
 /// Step of the stencil, s: shorter ones pass more noise, longer ones less motion.
 const STENCIL_S: f64 = 0.01;
 /// Times that differ from even ones by less than this part of a step count as even.
-pub(super) const EVEN: f64 = 1e-3;
+const EVEN: f64 = 1e-3;
+
+/// Whether a step of so many nominal ones counts as one.
+#[inline(always)]
+pub(super) fn is_even(steps: f64) -> bool {
+    ComplexField::abs(steps - 1.0) <= EVEN
+}
 
 /// Bias-free samples by their number.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

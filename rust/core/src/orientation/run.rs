@@ -3,7 +3,7 @@
 use alloc::vec::Vec;
 
 use super::{
-    algebra::{exp, mul, normalize},
+    algebra::{Quat, exp, inverted, mul, normalize},
     filter::{Estimate, Filter, Settings, Status},
     lane::Real,
     method::{Method, mean},
@@ -47,22 +47,53 @@ impl Signals<'_> {
     }
 }
 
+/// The estimates of a recording, part by part.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Estimates {
+    /// Sensor 2 to sensor 1.
+    pub q: Vec<Quat<f64>>,
+    /// Root of the trace of the covariance of the rotation error, rad.
+    pub std: Vec<f64>,
+    /// How far to trust it.
+    pub status: Vec<Status>,
+}
+
+impl Estimates {
+    /// Room for so many.
+    pub fn with_capacity(count: usize) -> Self {
+        Self { q: Vec::with_capacity(count), std: Vec::with_capacity(count), status: Vec::with_capacity(count) }
+    }
+
+    /// One more.
+    pub fn push(&mut self, estimate: Estimate) {
+        self.q.push(estimate.q);
+        self.std.push(estimate.std);
+        self.status.push(estimate.status);
+    }
+
+    /// One after the other.
+    pub fn iter(&self) -> impl Iterator<Item = Estimate> {
+        let parts = self.q.iter().zip(&self.std).zip(&self.status);
+        parts.map(|((q, std), status)| Estimate { q: *q, std: *std, status: *status })
+    }
+}
+
 /// The samples whose neighbours never came, and the starts.
-pub(super) fn finish<T: Real, M: Method>(filter: &mut Filter<T, M>, signals: &Signals<'_>, estimates: &mut Vec<Estimate>) {
+pub(super) fn finish<T: Real, M: Method>(filter: &mut Filter<T, M>, signals: &Signals<'_>, estimates: &mut Estimates) {
     let last = filter.latest();
     let mut rest = filter.clone();
     rest.flush(&mut |_, e| estimates.push(e));
-    if let (Some(end), Status::Starting) = (estimates.last_mut(), last.status) {
-        end.q = last.q;
+    if let (Some(end), Status::Starting) = (estimates.q.last_mut(), last.status) {
+        *end = last.q;
     }
     carry_back(filter.settings(), signals, estimates);
 }
 
 /// Gives the samples of a start the orientation that it found, turned back by the gyroscopes.
-fn carry_back(settings: &Settings, signals: &Signals<'_>, estimates: &mut [Estimate]) {
+fn carry_back(settings: &Settings, signals: &Signals<'_>, Estimates { q, std, status }: &mut Estimates) {
     let [gyr1, _, gyr2, _] = signals.xyz;
-    for k in (0..estimates.len().saturating_sub(1)).rev() {
-        if estimates[k].status != Status::Starting {
+    for k in (0..status.len().saturating_sub(1)).rev() {
+        if status[k] != Status::Starting {
             continue;
         }
         let dt = if signals.time_s.is_some() {
@@ -74,10 +105,9 @@ fn carry_back(settings: &Settings, signals: &Signals<'_>, estimates: &mut [Estim
             let rate = if settings.midpoint { mean(gyr[k], gyr[k + 1]) } else { gyr[k + 1] };
             [(rate[0] - bias[0]) * dt, (rate[1] - bias[1]) * dt, (rate[2] - bias[2]) * dt]
         };
-        let [w, x, y, z] = exp(turn(gyr2, settings.joint.gyr_bias[1]));
-        let Estimate { q, std, .. } = estimates[k + 1];
-        estimates[k].q = normalize(mul(mul(exp(turn(gyr1, settings.joint.gyr_bias[0])), q), [w, -x, -y, -z]));
+        let [step1, step2] = [turn(gyr1, settings.joint.gyr_bias[0]), turn(gyr2, settings.joint.gyr_bias[1])].map(exp);
+        q[k] = normalize(mul(mul(step1, q[k + 1]), inverted(step2)));
         // Nothing is carried over a break: before it the orientation stays unknown.
-        estimates[k].std = if dt * settings.rate_hz > BREAK_STEPS { core::f64::consts::PI } else { std };
+        std[k] = if dt * settings.rate_hz > BREAK_STEPS { core::f64::consts::PI } else { std[k + 1] };
     }
 }

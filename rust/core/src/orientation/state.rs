@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{
-    algebra::{Quat, Sym3, Vec3, add, cross, dot, exp, mul, rotate_back, scale, sub, trace},
+    algebra::{Quat, Sym3, Vec3, add, cross, dot, exp, inverted, mul, rotate_back, scale, sub, trace},
     lane::Lane,
     method::LEAST_LINK_VAR,
 };
@@ -37,8 +37,9 @@ impl Default for Noise {
     }
 }
 
-/// One instant: how both sensors have turned since the last one, and the acceleration of the joint centre.
-#[derive(Clone, Copy, Debug)]
+/// One instant: how both sensors have turned since the last one, and the acceleration of the joint centre. Nothing of it depends
+/// on what a filter knows, so many instants can be worked out side by side.
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Moment<L> {
     /// Time since the last instant, s.
     pub dt: L,
@@ -48,10 +49,44 @@ pub struct Moment<L> {
     pub turn1: Vec3<L>,
     /// The same of sensor 2.
     pub turn2: Vec3<L>,
+    /// `exp(turn/2)` of both (eq. 5a).
+    pub step: [Quat<L>; 2],
     /// Specific force at the joint centre in the frame of sensor 1, m/s².
     pub acc1: Vec3<L>,
     /// The same in the frame of sensor 2.
     pub acc2: Vec3<L>,
+}
+
+impl<L: Lane> Moment<L> {
+    /// From pace (dt, per_dt), turns of both sensors and the accelerations that they see.
+    #[inline(always)]
+    pub fn new([dt, per_dt]: [L; 2], [turn1, turn2]: [Vec3<L>; 2], [acc1, acc2]: [Vec3<L>; 2]) -> Self {
+        Self { dt, per_dt, turn1, turn2, step: [exp(turn1), exp(turn2)], acc1, acc2 }
+    }
+}
+
+impl<L> Moment<L> {
+    /// Every number through `f`.
+    #[inline(always)]
+    pub(crate) fn each<K>(&self, f: impl Fn(&L) -> K) -> Moment<K> {
+        let vector = |[x, y, z]: &Vec3<L>| [f(x), f(y), f(z)];
+        let [[a, b, c, d], [w, x, y, z]] = &self.step;
+        Moment {
+            dt: f(&self.dt),
+            per_dt: f(&self.per_dt),
+            turn1: vector(&self.turn1),
+            turn2: vector(&self.turn2),
+            step: [[f(a), f(b), f(c), f(d)], [f(w), f(x), f(y), f(z)]],
+            acc1: vector(&self.acc1),
+            acc2: vector(&self.acc2),
+        }
+    }
+
+    /// The same with a pace that is known beforehand.
+    #[inline(always)]
+    pub(crate) fn at_pace(self, [dt, per_dt]: [L; 2]) -> Self {
+        Self { dt, per_dt, ..self }
+    }
 }
 
 /// `a − ω×(ω×r) − ω̇×r` (eqs 3–4 of Olsson & Halvorsen 2017), of bias-free readings.
@@ -138,12 +173,10 @@ impl<L: Lane> State<L> {
 
     /// `q ← exp(−turn1/2) ⊙ q ⊙ exp(turn2/2)`: eq. 5a of both sensors, seen from sensor 1; what is up turns along.
     #[inline(always)]
-    pub(crate) fn turn(&mut self, turn1: Vec3<L>, turn2: Vec3<L>) -> Quat<L> {
-        let [w, x, y, z] = exp(turn1);
-        let step2 = exp(turn2);
-        self.q = mul(mul([w, -x, -y, -z], self.q), step2);
-        self.up = sub(self.up, cross(turn2, self.up));
-        step2
+    pub(crate) fn turn(&mut self, m: &Moment<L>) {
+        let [step1, step2] = m.step;
+        self.q = mul(mul(inverted(step1), self.q), step2);
+        self.up = sub(self.up, cross(m.turn2, self.up));
     }
 
     /// The acceleration of sensor 1 as sensor 2 should see it.
@@ -156,20 +189,18 @@ impl<L: Lane> State<L> {
     /// Gives the square of the horizontal acceleration now, and the reciprocal vector of `up`: `up` over its square.
     #[inline(always)]
     pub(crate) fn observe(&mut self, m: &Moment<L>, seen: Vec3<L>, error2: L) -> (L, Vec3<L>) {
-        let share = |seconds: f64| (m.dt * L::splat(1.0 / seconds)).at_most(L::splat(1.0));
-        self.up = add(self.up, scale(sub(m.acc2, self.up), share(UP_S)));
+        self.up = add(self.up, scale(sub(m.acc2, self.up), share(m.dt, UP_S)));
         let up2 = dot(self.up, self.up).at_least(L::splat(1e-12));
         let along = scale(self.up, L::splat(1.0) / up2);
-        let zero = L::splat(0.0);
-        let flat = |a: Vec3<L>| (dot(a, a) - dot(a, along) * dot(a, self.up)).at_least(zero);
-        let (flat1, flat2) = (flat(seen), flat(m.acc2));
-        self.heading_power = self.heading_power + (flat2 - self.heading_power) * share(POWER_S);
+        let (flat1, flat2) = (flat(seen, self.up, along), flat(m.acc2, self.up, along));
+        self.heading_power = self.heading_power + (flat2 - self.heading_power) * share(m.dt, POWER_S);
         // Weighed and bounded, so that one impact counts like any other instant.
         let flat = flat1 + flat2;
         let weight = L::splat(1.0) / (flat + L::splat(WATCH_POWER));
         let [error, seen] = self.watch;
         let now = error2.at_most(flat + flat) * weight;
-        self.watch = [error + (now - error) * share(WATCH_S), seen + (flat * weight - seen) * share(WATCH_S)];
+        let share = share(m.dt, WATCH_S);
+        self.watch = [error + (now - error) * share, seen + (flat * weight - seen) * share];
         (flat2, along)
     }
 
@@ -177,25 +208,39 @@ impl<L: Lane> State<L> {
     /// uncertainty explains. Bad samples count as [`LINK_JUMP`] times the present value at most.
     #[inline(always)]
     pub(crate) fn follow_link(&mut self, m: &Moment<L>, error: Vec3<L>, error2: L, explained: L) {
-        let (one, two) = (L::splat(1.0), L::splat(2.0));
-        let share = (m.dt * L::splat(1.0 / LINK_S)).at_most(one);
-        let follow = |var: L, square: L, explained: L, least: L| {
-            let third = square * L::splat(1.0 / 3.0);
-            let now = (third - explained.at_most(third * L::splat(0.5))).at_most(var * L::splat(LINK_JUMP));
-            (var + (now - var) * share).at_least(least)
-        };
-        self.link_var = follow(self.link_var, error2, explained, L::splat(LEAST_LINK_VAR));
-        let smooth = (m.dt * L::splat(1.0 / LINK_MEAN_S)).at_most(one);
-        self.link_mean = add(self.link_mean, scale(sub(error, self.link_mean), smooth));
-        let as_one = two * (m.per_dt * L::splat(LINK_MEAN_S)).at_least(one) - one; // (2 − s)/s
+        let one = L::splat(1.0);
+        self.link_var = followed(self.link_var, error2, explained, m.dt).at_least(L::splat(LEAST_LINK_VAR));
+        self.link_mean = add(self.link_mean, scale(sub(error, self.link_mean), share(m.dt, LINK_MEAN_S)));
+        let as_one = L::splat(2.0) * (m.per_dt * L::splat(LINK_MEAN_S)).at_least(one) - one; // (2 − s)/s
         let slow = dot(self.link_mean, self.link_mean) * as_one;
-        self.link_slow_var = follow(self.link_slow_var, slow, explained * as_one, L::splat(LEAST_LINK_VAR * LEAST_SLOW));
+        let slow_var = followed(self.link_slow_var, slow, explained * as_one, m.dt);
+        self.link_slow_var = slow_var.at_least(L::splat(LEAST_LINK_VAR * LEAST_SLOW));
     }
 
     /// Trace of the covariance of a full 3×3 `p`.
     pub fn variance(&self) -> L {
         trace(&self.p)
     }
+}
+
+/// What a mean over `seconds` takes of one sample.
+#[inline(always)]
+pub(crate) fn share<L: Lane>(dt: L, seconds: f64) -> L {
+    (dt * L::splat(1.0 / seconds)).at_most(L::splat(1.0))
+}
+
+/// Square of what of `a` is at right angles to `up`, whose reciprocal vector is `along`.
+#[inline(always)]
+fn flat<L: Lane>(a: Vec3<L>, up: Vec3<L>, along: Vec3<L>) -> L {
+    (dot(a, a) - dot(a, along) * dot(a, up)).at_least(L::splat(0.0))
+}
+
+/// A variance per axis after one more `square` of three axes.
+#[inline(always)]
+fn followed<L: Lane>(var: L, square: L, explained: L, dt: L) -> L {
+    let third = square * L::splat(1.0 / 3.0);
+    let now = (third - explained.at_most(third * L::splat(0.5))).at_most(var * L::splat(LINK_JUMP));
+    var + (now - var) * share(dt, LINK_S)
 }
 
 /// Time constants, s: of the direction upwards, of the horizontal power, of the watch on the heading, of the link residual.

@@ -154,7 +154,7 @@ impl Recording {
     }
 
     pub fn estimates<M: Method>(&self, settings: &Settings, method: M) -> Vec<Estimate> {
-        run::<f64, M>(settings, method, &self.timed(), &mut || true).map_or(Vec::new(), |r| r.0)
+        run::<f64, M>(settings, method, &self.timed(), &mut || true).map_or(Vec::new(), |r| r.0.iter().collect())
     }
 
     pub fn push_all<M: Method>(&self, filter: &mut Filter<f64, M>, samples: core::ops::Range<usize>) {

@@ -97,8 +97,8 @@ fn lost_packets_that_stand_as_copies_do_little_harm() {
         repeat_rows(&mut lossy, 400 + 50 * k, 1 + k % 6, k % 2);
     }
     let error = |r: &Recording| {
-        let estimates =
-            run::<f64, _>(&joint.settings(), Mekf::default(), &r.signals(), &mut || true).map_or(Vec::new(), |r| r.0);
+        let estimates = run::<f64, _>(&joint.settings(), Mekf::default(), &r.signals(), &mut || true)
+            .map_or(Vec::new(), |r| r.0.iter().collect());
         r.rms_deg(&estimates)
     };
     assert!(error(&lossy) < 2.5 * error(&whole), "{} against {}", error(&lossy), error(&whole));
@@ -173,12 +173,13 @@ fn single_precision_is_as_good() {
         let recording = joint.record(20.0);
         let signals = recording.signals();
         let double = recording.estimates(&joint.settings(), Mekf::default());
-        let single = run::<f32, _>(&joint.settings(), Mekf::default(), &signals, &mut || true).map_or(Vec::new(), |r| r.0);
+        let single = run::<f32, _>(&joint.settings(), Mekf::default(), &signals, &mut || true)
+            .map_or(Vec::new(), |r| r.0.iter().collect());
         let worst = double.iter().zip(&single).map(|(a, b)| unit(a.q).angle_to(&unit(b.q))).fold(0.0, f64::max);
         assert!(worst.to_degrees() < 0.02, "{}", worst.to_degrees());
         let double = recording.estimates(&joint.settings(), Complementary::default());
-        let single =
-            run::<f32, _>(&joint.settings(), Complementary::default(), &signals, &mut || true).map_or(Vec::new(), |r| r.0);
+        let single = run::<f32, _>(&joint.settings(), Complementary::default(), &signals, &mut || true)
+            .map_or(Vec::new(), |r| r.0.iter().collect());
         let worst = double.iter().zip(&single).map(|(a, b)| unit(a.q).angle_to(&unit(b.q))).fold(0.0, f64::max);
         assert!(worst.to_degrees() < 0.02, "{}", worst.to_degrees());
     }

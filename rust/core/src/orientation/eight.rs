@@ -1,0 +1,271 @@
+//! Eight numbers side by side: neighbouring samples of one recording, or the same sample of eight recordings.
+
+use core::ops::{Add, Div, Mul, Neg, Sub};
+
+use super::lane::{Lane, Real};
+
+/// So many.
+pub const EIGHT: usize = 8;
+
+/// Eight numbers as one [`Lane`].
+pub trait Eight<T>: Lane {
+    /// From memory.
+    fn load(from: &[T; EIGHT]) -> Self;
+    /// To memory.
+    fn store(self, to: &mut [T; EIGHT]);
+}
+
+/// Eight numbers on any machine.
+#[derive(Clone, Copy, Debug)]
+pub struct Array<T>(pub [T; EIGHT]);
+
+macro_rules! lanewise {
+    ($name:ident, $call:ident) => {
+        impl<T: Real> $name for Array<T> {
+            type Output = Self;
+            #[inline(always)]
+            fn $call(mut self, other: Self) -> Self {
+                for (a, b) in self.0.iter_mut().zip(other.0) {
+                    *a = a.$call(b);
+                }
+                self
+            }
+        }
+    };
+}
+lanewise!(Add, add);
+lanewise!(Sub, sub);
+lanewise!(Mul, mul);
+lanewise!(Div, div);
+
+impl<T: Real> Neg for Array<T> {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(mut self) -> Self {
+        for a in &mut self.0 {
+            *a = -*a;
+        }
+        self
+    }
+}
+
+impl<T: Real> Lane for Array<T> {
+    #[inline(always)]
+    fn splat(value: f64) -> Self {
+        Self([T::splat(value); EIGHT])
+    }
+    #[inline(always)]
+    fn sqrt(mut self) -> Self {
+        for a in &mut self.0 {
+            *a = a.sqrt();
+        }
+        self
+    }
+    #[inline(always)]
+    fn where_above(self, limit: Self, yes: Self, mut no: Self) -> Self {
+        for k in 0..EIGHT {
+            no.0[k] = self.0[k].where_above(limit.0[k], yes.0[k], no.0[k]);
+        }
+        no
+    }
+    #[inline(always)]
+    fn any_above(self, limit: Self) -> bool {
+        self.0.iter().zip(limit.0).any(|(x, limit)| x.any_above(limit))
+    }
+}
+
+impl<T: Real> Eight<T> for Array<T> {
+    #[inline(always)]
+    fn load(from: &[T; EIGHT]) -> Self {
+        Self(*from)
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [T; EIGHT]) {
+        *to = self.0;
+    }
+}
+
+/// Eight numbers in the registers of x86-64. Only code that runs after the processor was asked for their width may use them.
+#[cfg(all(feature = "std", target_arch = "x86_64"))]
+pub mod registers {
+    use core::arch::x86_64::*;
+
+    use super::*;
+
+    /// In one register of AVX-512.
+    #[derive(Clone, Copy, Debug)]
+    pub struct Doubles512([__m512d; 1]);
+    /// In two registers of AVX.
+    #[derive(Clone, Copy, Debug)]
+    pub struct Doubles256([__m256d; 2]);
+    /// In one register of AVX.
+    #[derive(Clone, Copy, Debug)]
+    pub struct Singles256([__m256; 1]);
+
+    /// Where `x > limit`, `yes`.
+    #[target_feature(enable = "avx512f")]
+    #[inline]
+    fn choose512(x: __m512d, limit: __m512d, yes: __m512d, no: __m512d) -> __m512d {
+        _mm512_mask_blend_pd(_mm512_cmp_pd_mask::<_CMP_GT_OQ>(x, limit), no, yes)
+    }
+
+    #[target_feature(enable = "avx512f")]
+    #[inline]
+    fn above512(x: __m512d, limit: __m512d) -> bool {
+        _mm512_cmp_pd_mask::<_CMP_GT_OQ>(x, limit) != 0
+    }
+
+    #[target_feature(enable = "avx")]
+    #[inline]
+    fn choose256(x: __m256d, limit: __m256d, yes: __m256d, no: __m256d) -> __m256d {
+        _mm256_blendv_pd(no, yes, _mm256_cmp_pd::<_CMP_GT_OQ>(x, limit))
+    }
+
+    #[target_feature(enable = "avx")]
+    #[inline]
+    fn above256(x: __m256d, limit: __m256d) -> bool {
+        _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_GT_OQ>(x, limit)) != 0
+    }
+
+    #[target_feature(enable = "avx")]
+    #[inline]
+    fn choose256_singles(x: __m256, limit: __m256, yes: __m256, no: __m256) -> __m256 {
+        _mm256_blendv_ps(no, yes, _mm256_cmp_ps::<_CMP_GT_OQ>(x, limit))
+    }
+
+    #[target_feature(enable = "avx")]
+    #[inline]
+    fn above256_singles(x: __m256, limit: __m256) -> bool {
+        _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(x, limit)) != 0
+    }
+
+    macro_rules! operator {
+        ($type:ident, $name:ident, $call:ident, $instruction:ident) => {
+            impl $name for $type {
+                type Output = Self;
+                #[inline(always)]
+                fn $call(mut self, other: Self) -> Self {
+                    for (a, b) in self.0.iter_mut().zip(other.0) {
+                        // SAFETY: the processor has the registers, else there would be no such value.
+                        *a = unsafe { $instruction(*a, b) };
+                    }
+                    self
+                }
+            }
+        };
+    }
+    macro_rules! registers {
+        ($type:ident, $real:ty, $width:literal, $add:ident, $sub:ident, $mul:ident, $div:ident, $set:ident, $sqrt:ident,
+         $choose:ident, $above:ident, $load:ident, $store:ident) => {
+            operator!($type, Add, add, $add);
+            operator!($type, Sub, sub, $sub);
+            operator!($type, Mul, mul, $mul);
+            operator!($type, Div, div, $div);
+
+            impl Neg for $type {
+                type Output = Self;
+                #[inline(always)]
+                fn neg(self) -> Self {
+                    Self::splat(-0.0) - self
+                }
+            }
+
+            impl Lane for $type {
+                #[inline(always)]
+                fn splat(value: f64) -> Self {
+                    // SAFETY: only code that was compiled for these registers and runs on such a processor makes values.
+                    Self([unsafe { $set(value as $real) }; _])
+                }
+                #[inline(always)]
+                fn sqrt(mut self) -> Self {
+                    for a in &mut self.0 {
+                        // SAFETY: as above.
+                        *a = unsafe { $sqrt(*a) };
+                    }
+                    self
+                }
+                #[inline(always)]
+                fn where_above(self, limit: Self, yes: Self, mut no: Self) -> Self {
+                    for k in 0..no.0.len() {
+                        // SAFETY: as above.
+                        no.0[k] = unsafe { $choose(self.0[k], limit.0[k], yes.0[k], no.0[k]) };
+                    }
+                    no
+                }
+                #[inline(always)]
+                fn any_above(self, limit: Self) -> bool {
+                    let mut any = false;
+                    for k in 0..self.0.len() {
+                        // SAFETY: as above.
+                        any |= unsafe { $above(self.0[k], limit.0[k]) };
+                    }
+                    any
+                }
+            }
+
+            impl Eight<$real> for $type {
+                #[inline(always)]
+                fn load(from: &[$real; EIGHT]) -> Self {
+                    let mut all = Self::splat(0.0);
+                    for (a, from) in all.0.iter_mut().zip(from.as_chunks::<$width>().0) {
+                        // SAFETY: as above; a whole register's width is read, of any alignment.
+                        *a = unsafe { $load(from.as_ptr()) };
+                    }
+                    all
+                }
+                #[inline(always)]
+                fn store(self, to: &mut [$real; EIGHT]) {
+                    for (a, to) in self.0.iter().zip(to.as_chunks_mut::<$width>().0) {
+                        // SAFETY: as above; a whole register's width is written, of any alignment.
+                        unsafe { $store(to.as_mut_ptr(), *a) };
+                    }
+                }
+            }
+        };
+    }
+    registers!(
+        Doubles512,
+        f64,
+        8,
+        _mm512_add_pd,
+        _mm512_sub_pd,
+        _mm512_mul_pd,
+        _mm512_div_pd,
+        _mm512_set1_pd,
+        _mm512_sqrt_pd,
+        choose512,
+        above512,
+        _mm512_loadu_pd,
+        _mm512_storeu_pd
+    );
+    registers!(
+        Doubles256,
+        f64,
+        4,
+        _mm256_add_pd,
+        _mm256_sub_pd,
+        _mm256_mul_pd,
+        _mm256_div_pd,
+        _mm256_set1_pd,
+        _mm256_sqrt_pd,
+        choose256,
+        above256,
+        _mm256_loadu_pd,
+        _mm256_storeu_pd
+    );
+    registers!(
+        Singles256,
+        f32,
+        8,
+        _mm256_add_ps,
+        _mm256_sub_ps,
+        _mm256_mul_ps,
+        _mm256_div_ps,
+        _mm256_set1_ps,
+        _mm256_sqrt_ps,
+        choose256_singles,
+        above256_singles,
+        _mm256_loadu_ps,
+        _mm256_storeu_ps
+    );
+}

@@ -1,0 +1,371 @@
+//! Many samples at a time, where nothing is going on.
+//!
+//! All that does not depend on what a filter knows, more than half of the work, is done for eight instants side by side: turns,
+//! their exponentials, derivatives, accelerations of the joint centre. Lanes are eight neighbouring samples of one recording, or
+//! the same sample of eight. What is left waits for the sample before: in one recording number by number, in eight
+//! lane by lane.
+
+use alloc::{vec, vec::Vec};
+
+use super::{
+    algebra::{Vec3, scale},
+    batch::Passenger,
+    eight::{Array, EIGHT, Eight},
+    filter::{Filter, Status, alarm, spread},
+    lane::Real,
+    method::{Method, Tuning, mean},
+    ring::{LENGTH, five_points, is_even},
+    state::{Moment, State, at_joint_center},
+};
+
+/// Numbers of a channel that are read at a time: samples times recordings.
+const READ: usize = 256;
+/// Groups of eight instants that are worked out at a time.
+const GROUPS: usize = 8;
+
+/// Runs `S` recordings (fewer repeat the last one) side by side for `steps` samples, or until one must go on alone: at once on
+/// x86-64 without AVX2, which is not worth code of its own.
+pub(super) fn together<T: Real, M: Method, const S: usize>(lanes: &mut [Passenger<'_, T, M>], steps: usize) {
+    #[cfg(all(feature = "std", target_arch = "x86_64"))]
+    if T::HAS_WIDER && std::arch::is_x86_feature_detected!("avx512f") {
+        // SAFETY: the processor has the feature that the function was compiled for, as just asked.
+        unsafe { together_avx512::<T, M, S>(lanes, steps) }
+    } else if std::arch::is_x86_feature_detected!("avx2") {
+        // SAFETY: the processor has the feature that the function was compiled for, as just asked.
+        unsafe { together_avx2::<T, M, S>(lanes, steps) }
+    }
+    #[cfg(not(all(feature = "std", target_arch = "x86_64")))]
+    together_in::<T, M, T::Registers, S>(lanes, steps);
+}
+
+/// The same source with wider registers; no fused operations, so the same bits.
+#[cfg(all(feature = "std", target_arch = "x86_64"))]
+#[target_feature(enable = "avx2")]
+fn together_avx2<T: Real, M: Method, const S: usize>(lanes: &mut [Passenger<'_, T, M>], steps: usize) {
+    together_in::<T, M, T::Registers, S>(lanes, steps);
+}
+
+/// The same in the widest.
+#[cfg(all(feature = "std", target_arch = "x86_64"))]
+#[target_feature(enable = "avx512f")]
+fn together_avx512<T: Real, M: Method, const S: usize>(lanes: &mut [Passenger<'_, T, M>], steps: usize) {
+    together_in::<T, M, T::Wider, S>(lanes, steps);
+}
+
+#[inline(always)]
+fn together_in<T: Real, M: Method, V: Eight<T>, const S: usize>(lanes: &mut [Passenger<'_, T, M>], steps: usize) {
+    let method = lanes[0].filter.method;
+    let constants = Constants::<V>::of::<T, M>(lanes);
+    let tuning = lanes[0].filter.tuning.cast::<T>();
+    let pace = [lanes[0].filter.step_s, lanes[0].filter.settings.rate_hz].map(T::splat);
+    let (mut one, mut eight) = (lanes[0].filter.state, gathered::<T, M, V>(lanes));
+    let mut rows = Rows::<T, S>::new(lanes);
+    let mut moments = [Moment::<[T; EIGHT]>::default(); GROUPS];
+    let mut results = Results::<T, S>::new();
+    let mut done = 0;
+    let mut stop = false;
+    while done < steps && !stop {
+        let wanted = (READ / S).min(steps - done);
+        let length = rows.read::<M, V>(lanes, done, wanted);
+        stop = length < wanted;
+        for first in (0..length).step_by(GROUPS * EIGHT / S) {
+            let count = (length - first).min(GROUPS * EIGHT / S);
+            constants.look(&rows, first, &mut moments[..(count * S).div_ceil(EIGHT)]);
+            // Two times the same, number by number and lane by lane.
+            let mut row = 0;
+            let mut alarmed = false;
+            while row < count && !alarmed {
+                if S == 1 {
+                    let moment = moments[row / EIGHT].each(|x| x[row % EIGHT]).at_pace(pace);
+                    method.step(&tuning, &mut one, &moment, true);
+                    results.put_one(row, &one.q, method.variance(&one));
+                    alarmed = alarm(&one);
+                } else {
+                    let moment = moments[row].each(|x| V::load(x)).at_pace([constants.dt, constants.per_dt]);
+                    method.step(&constants.tuning, &mut eight, &moment, true);
+                    results.put_eight(row, &eight.q, method.variance(&eight));
+                    alarmed = alarm(&eight);
+                }
+                row += 1;
+            }
+            results.hand_over::<M, V>(lanes, row);
+            done += row;
+            if alarmed {
+                stop = true;
+                break;
+            }
+        }
+        if !stop {
+            rows.shift(length);
+        }
+    }
+    if S == 1 {
+        lanes[0].filter.state = one;
+    } else {
+        scatter(lanes, &mut eight);
+    }
+    for lane in lanes {
+        lane.adopt(done);
+    }
+}
+
+/// What stays the same from sample to sample, lane by lane.
+struct Constants<V> {
+    dt: V,
+    per_dt: V,
+    /// What differences are multiplied with to be derivatives, 1/s.
+    per: V,
+    r: [Vec3<V>; 2],
+    tuning: Tuning<V>,
+    midpoint: bool,
+    /// Step of the stencil, samples.
+    step: usize,
+}
+
+/// The recording in lane `k` of eight: the last one where there are fewer.
+fn sitting<'l, 'a, T, M>(lanes: &'l [Passenger<'a, T, M>], k: usize) -> &'l Passenger<'a, T, M> {
+    &lanes[k.min(lanes.len() - 1)]
+}
+
+impl<V> Constants<V> {
+    fn of<T: Real, M: Method>(lanes: &[Passenger<'_, T, M>]) -> Self
+    where
+        V: Eight<T>,
+    {
+        let wide = |value: &dyn Fn(&Filter<T, M>) -> f64| {
+            V::load(&core::array::from_fn(|k| T::splat(value(&sitting(lanes, k).filter))))
+        };
+        let Filter { settings, step, .. } = &lanes[0].filter;
+        Self {
+            dt: wide(&|f| f.step_s),
+            per_dt: wide(&|f| f.settings.rate_hz),
+            per: wide(&|f| f.per),
+            r: [
+                [wide(&|f| f.settings.joint.r1[0]), wide(&|f| f.settings.joint.r1[1]), wide(&|f| f.settings.joint.r1[2])],
+                [wide(&|f| f.settings.joint.r2[0]), wide(&|f| f.settings.joint.r2[1]), wide(&|f| f.settings.joint.r2[2])],
+            ],
+            tuning: Tuning {
+                rate_var: wide(&|f| f.tuning.rate_var),
+                scale_noise: wide(&|f| f.tuning.scale_noise),
+                link_var: wide(&|f| f.tuning.link_var),
+            },
+            midpoint: settings.midpoint,
+            step: *step as usize,
+        }
+    }
+
+    /// Works out groups of eight instants from row `first` on.
+    #[inline(always)]
+    fn look<T: Real, const S: usize>(&self, rows: &Rows<T, S>, first: usize, moments: &mut [Moment<[T; EIGHT]>])
+    where
+        V: Eight<T>,
+    {
+        for (j, moment) in moments.iter_mut().enumerate() {
+            // The sample whose neighbours have come with the row.
+            let at = (rows.before / 2 + first) * S + j * EIGHT;
+            let (turn1, acc1) = self.sensor(rows, at, 0);
+            let (turn2, acc2) = self.sensor(rows, at, 1);
+            let m = Moment::new([self.dt, self.per_dt], [turn1, turn2], [acc1, acc2]);
+            *moment = m.each(|x| {
+                let mut numbers = [T::default(); EIGHT];
+                x.store(&mut numbers);
+                numbers
+            });
+        }
+    }
+
+    /// Turn, and acceleration of the joint centre.
+    #[inline(always)]
+    fn sensor<T: Real, const S: usize>(&self, rows: &Rows<T, S>, at: usize, sensor: usize) -> (Vec3<V>, Vec3<V>)
+    where
+        V: Eight<T>,
+    {
+        let (gyr, step) = (6 * sensor, self.step * S);
+        let now = rows.xyz(gyr, at);
+        let rate = if self.midpoint { mean(rows.xyz(gyr, at - S), now) } else { now };
+        let before = [rows.xyz(gyr, at - 2 * step), rows.xyz(gyr, at - step)];
+        let after = [rows.xyz(gyr, at + step), rows.xyz(gyr, at + 2 * step)];
+        let dot = five_points(before[0], before[1], after[0], after[1], self.per);
+        (scale(rate, self.dt), at_joint_center(rows.xyz(gyr + 3, at), now, dot, self.r[sensor]))
+    }
+}
+
+/// The state of eight recordings in lanes.
+fn gathered<T: Real, M: Method, V: Eight<T>>(lanes: &[Passenger<'_, T, M>]) -> State<V> {
+    let mut numbers = State::<Array<T>>::new([0.0; 4], [0.0; 6], [0.0; 3], 0.0);
+    for k in 0..EIGHT {
+        let mut one = sitting(lanes, k).filter.state;
+        numbers.zip_with(&mut one, |numbers, one| numbers.0[k] = *one);
+    }
+    let mut eight = State::<V>::new([0.0; 4], [0.0; 6], [0.0; 3], 0.0);
+    eight.zip_with(&mut numbers, |eight, numbers| *eight = V::load(&numbers.0));
+    eight
+}
+
+fn scatter<T: Real, M: Method, V: Eight<T>>(lanes: &mut [Passenger<'_, T, M>], eight: &mut State<V>) {
+    let mut numbers = State::<Array<T>>::new([0.0; 4], [0.0; 6], [0.0; 3], 0.0);
+    eight.zip_with(&mut numbers, |eight, numbers| eight.store(&mut numbers.0));
+    for (k, lane) in lanes.iter_mut().enumerate() {
+        numbers.zip_with(&mut lane.filter.state, |numbers, one| *one = numbers.0[k]);
+    }
+}
+
+/// Bias-free samples, channel by channel: number `row * S + k` is that of recording `k`.
+struct Rows<T, const S: usize> {
+    channels: [Vec<T>; 12],
+    /// So many rows before the first new one: what derivatives look back on, twice as much as they look ahead.
+    before: usize,
+}
+
+impl<T: Real, const S: usize> Rows<T, S> {
+    fn new<M: Method>(lanes: &[Passenger<'_, T, M>]) -> Self {
+        let before = 2 * lanes[0].filter.delay_samples() as usize;
+        // A group of eight may reach beyond the last row.
+        let mut rows = Self { channels: [(); 12].map(|()| vec![T::default(); before * S + READ + EIGHT]), before };
+        for k in 0..S {
+            let lane = sitting(lanes, k);
+            rows.put(lane, k, 0, lane.position - before, before);
+        }
+        rows
+    }
+
+    /// Puts `count` samples of a recording from `position` on into the rows from `row` on.
+    #[inline(always)]
+    fn put<M: Method>(&mut self, lane: &Passenger<'_, T, M>, k: usize, row: usize, position: usize, count: usize) {
+        let biases = lane.filter.bias();
+        let signals = lane.signals.xyz.iter().zip(biases.as_chunks::<3>().0);
+        for (channels, (signal, bias)) in self.channels.as_chunks_mut::<3>().0.iter_mut().zip(signals) {
+            let [x, y, z] = channels.each_mut().map(|c| c[row * S..(row + count) * S].iter_mut().skip(k).step_by(S));
+            for (((x, y), z), xyz) in x.zip(y).zip(z).zip(&signal[position..position + count]) {
+                *x = T::splat(xyz[0] - bias[0]);
+                *y = T::splat(xyz[1] - bias[1]);
+                *z = T::splat(xyz[2] - bias[2]);
+            }
+        }
+    }
+
+    /// Reads so many new samples of each recording, `done` samples after their positions; gives how many of them may be worked
+    /// in.
+    #[inline(always)]
+    fn read<M: Method, V: Eight<T>>(&mut self, lanes: &[Passenger<'_, T, M>], done: usize, count: usize) -> usize {
+        for k in 0..S {
+            let lane = sitting(lanes, k);
+            self.put(lane, k, self.before, lane.position + done, count);
+        }
+        let even = lanes.iter().map(|lane| lane.even_for(done, count)).min().unwrap_or(0);
+        // All must be finite, and no sensor may repeat its row: lost packets are mended alone.
+        for at in (0..even * S).step_by(EIGHT) {
+            let (now, before) = (self.before * S + at, (self.before - 1) * S + at);
+            let moved = self.distance::<V>(0, now, before) * self.distance::<V>(6, now, before);
+            let mut numbers = [T::default(); EIGHT];
+            moved.store(&mut numbers);
+            if let Some(k) = numbers.iter().position(|x| !(x.to_f64() > 0.0 && x.to_f64() < f64::INFINITY)) {
+                return even.min((at + k) / S);
+            }
+        }
+        even
+    }
+
+    /// Sum of the changes of the six channels of a sensor.
+    #[inline(always)]
+    fn distance<V: Eight<T>>(&self, sensor: usize, now: usize, before: usize) -> V {
+        let mut sum = V::splat(0.0);
+        for channel in &self.channels[sensor..sensor + 6] {
+            let change = eight_at::<T, V>(channel, now) - eight_at(channel, before);
+            sum = sum + change.at_least(-change);
+        }
+        sum
+    }
+
+    #[inline(always)]
+    fn xyz<V: Eight<T>>(&self, channel: usize, at: usize) -> Vec3<V> {
+        let [x, y, z] = [&self.channels[channel], &self.channels[channel + 1], &self.channels[channel + 2]];
+        [eight_at(x, at), eight_at(y, at), eight_at(z, at)]
+    }
+
+    /// Makes room behind the last rows.
+    fn shift(&mut self, count: usize) {
+        for channel in &mut self.channels {
+            channel.copy_within(count * S..(count + self.before) * S, 0);
+        }
+    }
+}
+
+#[inline(always)]
+fn eight_at<T: Real, V: Eight<T>>(channel: &[T], at: usize) -> V {
+    debug_assert!(at + EIGHT <= channel.len());
+    // SAFETY: rows has room for the groups it is read in, see Rows::new.
+    V::load(unsafe { &*channel.as_ptr().add(at).cast() })
+}
+
+/// Orientations and variances on their way out.
+struct Results<T, const S: usize> {
+    q: [[T; GROUPS * EIGHT]; 4],
+    variance: [T; GROUPS * EIGHT],
+}
+
+impl<T: Real, const S: usize> Results<T, S> {
+    fn new() -> Self {
+        Self { q: [[T::default(); GROUPS * EIGHT]; 4], variance: [T::default(); GROUPS * EIGHT] }
+    }
+
+    #[inline(always)]
+    fn put_one(&mut self, row: usize, q: &[T; 4], variance: T) {
+        for (all, q) in self.q.iter_mut().zip(q) {
+            all[row] = *q;
+        }
+        self.variance[row] = variance;
+    }
+
+    #[inline(always)]
+    fn put_eight<V: Eight<T>>(&mut self, row: usize, q: &[V; 4], variance: V) {
+        for (all, q) in self.q.iter_mut().zip(q) {
+            q.store(&mut all.as_chunks_mut().0[row]);
+        }
+        variance.store(&mut self.variance.as_chunks_mut().0[row]);
+    }
+
+    /// Gives each recording its estimates of the first rows.
+    #[inline(always)]
+    fn hand_over<M: Method, V: Eight<T>>(&mut self, lanes: &mut [Passenger<'_, T, M>], rows: usize) {
+        for group in self.variance.as_chunks_mut().0 {
+            spread(V::load(group)).store(group);
+        }
+        for (k, lane) in lanes.iter_mut().enumerate() {
+            let at = (0..rows).map(|row| row * S + k);
+            let [w, x, y, z] = &self.q;
+            lane.estimates.q.extend(at.clone().map(|at| [w[at], x[at], y[at], z[at]].map(T::to_f64)));
+            let std = at.map(|at| self.variance[at].to_f64());
+            lane.estimates.status.extend(std.clone().map(Status::of));
+            lane.estimates.std.extend(std);
+        }
+    }
+}
+
+impl<T: Real, M: Method> Passenger<'_, T, M> {
+    /// How many of `count` samples follow each other evenly, from `done` after the position on.
+    #[inline(always)]
+    fn even_for(&self, done: usize, count: usize) -> usize {
+        let first = self.position + done;
+        let Some(times) = self.signals.time_s else { return count };
+        let rate_hz = self.filter.settings.rate_hz;
+        times[first - 1..first + count].windows(2).position(|t| !is_even((t[1] - t[0]) * rate_hz)).unwrap_or(count)
+    }
+
+    /// Goes on `steps` samples later, when the state has already.
+    fn adopt(&mut self, steps: usize) {
+        let Self { filter, signals, position, .. } = self;
+        filter.count += steps as u64;
+        filter.done += steps as u64;
+        for _ in 0..steps {
+            filter.tracked_for(filter.step_s);
+        }
+        *position += steps;
+        for at in position.saturating_sub((LENGTH as usize).min(steps))..*position {
+            let sample = filter.unbiased(&signals.sample(at));
+            filter.ring.put(at as u64, signals.time(at, filter.settings.rate_hz), &sample);
+        }
+        // The last estimate was made before a restart that it gives the reason for.
+        filter.watch();
+    }
+}
