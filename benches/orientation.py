@@ -137,7 +137,7 @@ def speed(real: Real, rounds: int) -> Rows:
             return _core.track_filter(g1, a1, g2, a2, time_s, asked)
 
         def batch(asked: dict[str, Any] = asked) -> object:
-            return _core.track_filter_batch([real.arrays] * EIGHT, [asked] * EIGHT)
+            return _core.track_filter_batch([(g1, a1, g2, a2, None)] * EIGHT, [asked] * EIGHT)
 
         calls += [
             (name, "track", one, 1, error, whole),

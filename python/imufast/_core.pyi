@@ -313,7 +313,9 @@ def fit_center_linear(
 ) -> CenterFit: ...
 
 _Tracked: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]
-_Arrays: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+_TimedArrays: TypeAlias = tuple[
+    NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None
+]
 
 @final
 class OrientationFilter:
@@ -348,7 +350,9 @@ def track_filter(
     time_s: NDArray[np.float64] | None,
     plan: dict[str, Any],
 ) -> tuple[_Tracked, int]: ...
-def track_filter_batch(recordings: list[_Arrays], plans: list[dict[str, Any]]) -> list[_Tracked]: ...
+def track_filter_batch(
+    recordings: list[_TimedArrays], plans: list[dict[str, Any]]
+) -> list[tuple[_Tracked, int]]: ...
 
 @final
 class SmootherFit:

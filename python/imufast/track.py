@@ -151,9 +151,7 @@ def track(
         return _smooth(imu1, imu2, calibration, settings)
     known = calibrate_joint(imu1, imu2) if calibration is None else calibration
     asked = plan(settings, known, imu1.rate_hz, start, start_std_deg)
-    # Without times the core may take even samples as such.
-    times = None if _is_even(imu1) else imu1.time_s
-    (q, std, states), restarts = _core.track_filter(imu1.gyr, imu1.acc, imu2.gyr, imu2.acc, times, asked)
+    (q, std, states), restarts = _core.track_filter(imu1.gyr, imu1.acc, imu2.gyr, imu2.acc, imu1.time_s, asked)
     return _filtered(imu1, q, std, states, restarts, known, settings)
 
 
@@ -164,7 +162,7 @@ def track_many(
     one, in less time.
 
     Args:
-        pairs: the two sensors of each joint; sampled evenly, without gaps (others are tracked one by one).
+        pairs: the two sensors of each joint; side by side as long as they are sampled evenly.
         calibrations: one each.
         method: "mekf" (default), "complementary" or their settings; "smoother" runs one by one.
 
@@ -184,19 +182,14 @@ def track_many(
         return [
             _smooth(imu1, imu2, calibration, settings) for (imu1, imu2), calibration in zip(pairs, calibrations, strict=True)
         ]
-    even = [k for k, (imu1, _) in enumerate(pairs) if _is_even(imu1)]
-    done: dict[int, RelativeOrientation] = {}
-    if even:
-        plans = [plan(settings, calibrations[k], pairs[k][0].rate_hz, None, 2.0) for k in even]
-        arrays = [(pairs[k][0].gyr, pairs[k][0].acc, pairs[k][1].gyr, pairs[k][1].acc) for k in even]
-        for k, (q, std, states) in zip(even, _core.track_filter_batch(arrays, plans), strict=True):
-            done[k] = _filtered(pairs[k][0], q, std, states, None, calibrations[k], settings)
-    return [done[k] if k in done else track(*pairs[k], calibrations[k], settings) for k in range(len(pairs))]
-
-
-def _is_even(imu: Imu) -> bool:
-    steps = np.diff(imu.time_s) * imu.rate_hz
-    return bool(np.abs(steps - 1.0).max(initial=0.0) < 1e-6)
+    plans = [
+        plan(settings, calibration, imu1.rate_hz, None, 2.0) for (imu1, _), calibration in zip(pairs, calibrations, strict=True)
+    ]
+    tracked = _core.track_filter_batch([(a.gyr, a.acc, b.gyr, b.acc, a.time_s) for a, b in pairs], plans)
+    return [
+        _filtered(imu1, *result, restarts, calibration, settings)
+        for (imu1, _), calibration, (result, restarts) in zip(pairs, calibrations, tracked, strict=True)
+    ]
 
 
 def _settings(method: object) -> Method:
@@ -220,16 +213,15 @@ def _filtered(
     q: Array,
     std: Array,
     states: NDArray[np.uint8],
-    restarts: int | None,
+    restarts: int,
     calibration: JointCalibration,
     settings: Complementary | Mekf,
 ) -> RelativeOrientation:
-    q, std_deg = _finite(q, np.minimum(np.degrees(std), 180.0))
+    std_deg = np.degrees(std, out=std)
+    np.minimum(std_deg, 180.0, out=std_deg)
     starts = _starts(imu.time_s, states)
-    began = np.flatnonzero(states != STARTING)
-    again = int(sum(start > imu.time_s[0] for start, _ in starts))
-    restarts = again if restarts is None else restarts
-    gaps = int((np.diff(imu.time_s) > settings.max_gap_s).sum())
+    began = states != STARTING
+    gaps = int((np.diff(imu.time_s) > settings.max_gap_s).sum()) if restarts else 0
     contradicted = max(restarts - gaps, 0)
     why = []
     lost = True
@@ -239,7 +231,7 @@ def _filtered(
     elif contradicted * CONTRADICTED_S > imu.duration_s:
         why.append("the two sensors contradict each other again and again: soft tissue, impacts or a wrong calibration")
         std_deg = np.maximum(std_deg, UNKNOWN_DEG)
-    elif not len(began) or float(np.median(std_deg)) > VAGUE_DEG:
+    elif not began.any() or 2 * int((std_deg > VAGUE_DEG).sum()) > len(std_deg):
         why.append("nothing shows the heading: the joint hardly accelerates sideways, or gaps are too many")
     else:
         lost = False
@@ -247,24 +239,16 @@ def _filtered(
         why.append(f"the filter started anew {restarts} time{'s' * (restarts > 1)}")
     return RelativeOrientation(
         time_s=imu.time_s,
-        q_12=_continuous(q),
+        q_12=q,
         angle_std_deg=std_deg,
         status=TrackStatus.NOT_OBSERVABLE if lost else TrackStatus.TRACKED,
         calibration=calibration,
         method=settings,
         restarts=restarts,
-        starting_s=float(imu.time_s[began[0]] - imu.time_s[0]) if len(began) else imu.duration_s,
+        starting_s=float(imu.time_s[began.argmax()] - imu.time_s[0]) if began.any() else imu.duration_s,
         starts_s=starts,
         why=tuple(why),
     )
-
-
-def _finite(q: Array, std_deg: Array) -> tuple[Array, Array]:
-    """Where the numbers overflowed, the orientation is unknown."""
-    broken = ~((np.abs(np.einsum("ij,ij->i", q, q) - 1.0) < 1e-3) & np.isfinite(std_deg))
-    if not broken.any():
-        return q, std_deg
-    return np.where(broken[:, None], [1.0, 0.0, 0.0, 0.0], q), np.where(broken, 180.0, std_deg)
 
 
 def _starts(time_s: Array, states: NDArray[np.uint8]) -> tuple[tuple[float, float], ...]:

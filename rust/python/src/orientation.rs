@@ -353,24 +353,31 @@ fn check(signals: &Signals<'_>) -> PyResult<()> {
     Ok(())
 }
 
-type Arrays<'py> =
-    (PyReadonlyArray2<'py, f64>, PyReadonlyArray2<'py, f64>, PyReadonlyArray2<'py, f64>, PyReadonlyArray2<'py, f64>);
+type Arrays<'py> = (
+    PyReadonlyArray2<'py, f64>,
+    PyReadonlyArray2<'py, f64>,
+    PyReadonlyArray2<'py, f64>,
+    PyReadonlyArray2<'py, f64>,
+    Option<PyReadonlyArray1<'py, f64>>,
+);
 
-/// Many even recordings (gyr1, acc1, gyr2, acc2) with a plan each, side by side; all plans name the method and precision of the
-/// first.
+/// Many recordings (gyr1, acc1, gyr2, acc2, time_s) with a plan each, side by side; all plans name the method and precision of
+/// the first. As `track_filter`, one after the other.
 #[pyfunction]
 pub fn track_filter_batch<'py>(
     py: Python<'py>,
     recordings: Vec<Arrays<'py>>,
     plans: Vec<FilterPlan>,
-) -> PyResult<Vec<Tracked<'py>>> {
+) -> PyResult<Vec<(Tracked<'py>, u32)>> {
     let Some(first) = plans.first() else { return Ok(Vec::new()) };
     if plans.len() != recordings.len() {
         return Err(PyValueError::new_err(format!("{} recordings but {} plans", recordings.len(), plans.len())));
     }
     let mut all = Vec::with_capacity(plans.len());
-    for ((gyr1, acc1, gyr2, acc2), plan) in recordings.iter().zip(&plans) {
-        let signals = Signals { xyz: pair([gyr1, acc1, gyr2, acc2])?, time_s: None };
+    for ((gyr1, acc1, gyr2, acc2, time_s), plan) in recordings.iter().zip(&plans) {
+        let xyz = pair([gyr1, acc1, gyr2, acc2])?;
+        let [first, ..] = xyz;
+        let signals = Signals { xyz, time_s: time_s.as_ref().map(|t| vector(t, first.len(), "time_s")).transpose()? };
         check(&signals)?;
         all.push((plan.settings()?, signals));
     }
@@ -382,5 +389,5 @@ pub fn track_filter_batch<'py>(
         Kind::Mekf => py.detach(|| run_batch::<f64, _>(mekf, &all, &mut go_on)),
         Kind::MekfSingle => py.detach(|| run_batch::<f32, _>(mekf, &all, &mut go_on)),
     };
-    done.ok_or_else(stopped)?.into_iter().map(|estimates| tracked(py, estimates)).collect()
+    done.ok_or_else(stopped)?.into_iter().map(|(e, restarts)| Ok((tracked(py, e)?, restarts))).collect()
 }

@@ -7,7 +7,7 @@ use super::{
     filter::{Filter, Settings, alarm},
     lane::Real,
     method::Method,
-    pack::together,
+    pack::{Room, together},
     run::{Estimates, Signals, finish},
 };
 
@@ -78,26 +78,28 @@ pub fn run<T: Real, M: Method>(
     keep_going: &mut impl FnMut() -> bool,
 ) -> Option<(Estimates, Filter<T, M>)> {
     let mut one = [Passenger::new(0, settings, method, *signals)];
+    let mut room = Room::new();
     while keep_going() {
         if !one[0].go_alone(false) {
             let [Passenger { filter, estimates, .. }] = one;
             return Some((estimates, filter));
         }
         let steps = one[0].left().min(ROUND);
-        together::<T, M, 1>(&mut one, steps);
+        together::<T, M, 1>(&mut one, steps, &mut room);
     }
     None
 }
 
 /// Runs the same filter over many recordings; those of one settings' stencil go side by side, where nothing is going on in any
-/// of them. Each gets the bits that [`run`] gives it. None if `keep_going`, asked every few ten thousand samples, says no.
+/// of them. Each gets the bits that [`run`] gives it, and how often its filter started anew. None if `keep_going`, asked every few ten thousand samples, says no.
 pub fn run_batch<T: Real, M: Method>(
     method: M,
     recordings: &[(Settings, Signals<'_>)],
     keep_going: &mut impl FnMut() -> bool,
-) -> Option<Vec<Estimates>> {
-    let mut results = vec![Estimates::default(); recordings.len()];
+) -> Option<Vec<(Estimates, u32)>> {
+    let mut results = vec![(Estimates::default(), 0); recordings.len()];
     let mut waiting = recordings.iter().enumerate();
+    let mut room = Room::new();
     let mut lanes: Vec<Passenger<'_, T, M>> = Vec::with_capacity(EIGHT);
     loop {
         while lanes.len() < EIGHT {
@@ -113,18 +115,18 @@ pub fn run_batch<T: Real, M: Method>(
         lanes.retain_mut(|lane| {
             let more = lane.go_alone(false);
             if !more {
-                results[lane.number] = core::mem::take(&mut lane.estimates);
+                results[lane.number] = (core::mem::take(&mut lane.estimates), lane.filter.restarts());
             }
             more
         });
         let steps = lanes.iter().map(Passenger::left).min().unwrap_or(0).min(ROUND);
         // A few fill no lanes: their samples do.
         if lanes.len() >= FEW && lanes.iter().all(|lane| lane.suits(&lanes[0])) {
-            together::<T, M, EIGHT>(&mut lanes, steps);
+            together::<T, M, EIGHT>(&mut lanes, steps, &mut room);
         } else {
             for lane in &mut lanes {
                 let steps = lane.left().min(ROUND);
-                together::<T, M, 1>(core::slice::from_mut(lane), steps);
+                together::<T, M, 1>(core::slice::from_mut(lane), steps, &mut room);
             }
         }
     }

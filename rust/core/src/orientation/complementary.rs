@@ -46,6 +46,8 @@ const TINY: f64 = 1e-18;
 /// A correction: by how fast sensor 2 turns against sensor 1, `√(over/under)·direction` in frame 2, rad/s.
 struct Correction<L> {
     direction: Vec3<L>,
+    /// Square of `direction`.
+    square: L,
     over: L,
     under: L,
 }
@@ -60,7 +62,7 @@ impl<L: Lane> Correction<L> {
     #[inline(always)]
     fn step(&self, dt: L) -> Quat<L> {
         let over = self.over * (dt * dt * L::splat(0.25));
-        let per_length2 = L::splat(1.0) / (self.under + over * dot(self.direction, self.direction));
+        let per_length2 = L::splat(1.0) / (self.under + over * self.square.at_least(L::splat(0.0)));
         let [x, y, z] = scale(self.direction, (over * per_length2).sqrt());
         [(self.under * per_length2).sqrt(), x, y, z]
     }
@@ -72,13 +74,17 @@ impl Complementary {
     fn correction<L: Lane>(&self, s: &State<L>, m: &Moment<L>, seen: Vec3<L>, along: Vec3<L>) -> Correction<L> {
         // −Rᵀu: turning sensor 2 this way brings its acceleration onto that of sensor 1.
         let v = cross(m.acc2, seen);
-        let plain = dot(v, v).at_least(L::splat(TINY));
-        let direction = add(v, scale(s.up, dot(v, along) * L::splat(self.heading_gain - 1.0)));
-        let size = dot(direction, direction).at_least(L::splat(TINY));
-        let level = dot(m.acc2, m.acc2) * dot(seen, seen) * L::splat(self.soft_angle * self.soft_angle);
+        let (v2, tiny) = (dot(v, v), L::splat(TINY));
+        let plain = v2.at_least(tiny);
+        let [gain, vertical] = [L::splat(self.heading_gain), dot(v, along)];
+        let direction = add(v, scale(s.up, vertical * (gain - L::splat(1.0))));
+        // Its square, from what is there already.
+        let square = v2 + vertical * dot(v, s.up) * (gain * gain - L::splat(1.0));
+        let level = m.level[0] * m.level[1] * L::splat(self.soft_angle * self.soft_angle);
         // Each sensor takes β/√2 (eq. 12); together they turn by √2·β.
         let beta = L::splat(self.beta) + s.boost;
-        Correction { direction, over: (beta * beta) * (plain + plain), under: (plain + level) * size }
+        let (over, under) = (beta * beta * (plain + plain), (plain + level) * square.at_least(tiny));
+        Correction { direction, square, over, under }
     }
 
     /// Both halves of eq. 8 in their frames: what is taken from ω1 and from ω2.
@@ -133,7 +139,7 @@ impl Method for Complementary {
         }
         // Two scalar filters tell how much is known: tilt is seen by the whole acceleration, heading by its horizontal part.
         let [tilt, heading] = [s.p[0], s.p[1]];
-        let level = dot(m.acc2, m.acc2);
+        let level = m.level[1];
         s.follow_link(&m, error, error2, tilt * level * L::splat(2.0 / 3.0));
         let noise = s.link_slow_var;
         let (tilt_sum, heading_sum) = (noise + tilt * level, noise + heading * flat2);

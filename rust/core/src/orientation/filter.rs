@@ -368,7 +368,7 @@ impl<T: Real, M: Method> Filter<T, M> {
             return self.prepare(&moment, step.dt, correct);
         }
         self.method.step(&self.tuning.cast(), &mut self.state, &moment, correct);
-        self.tracked_for(step.dt);
+        self.tracked_for(1, step.dt);
         if correct {
             self.watch();
         }
@@ -377,8 +377,11 @@ impl<T: Real, M: Method> Filter<T, M> {
 
     /// Counts the seconds since the start, as long as they matter.
     #[inline(always)]
-    pub(super) fn tracked_for(&mut self, dt: f64) {
-        if self.tracking_s <= WRONG_AFTER_S {
+    pub(super) fn tracked_for(&mut self, steps: usize, dt: f64) {
+        for _ in 0..steps {
+            if self.tracking_s > WRONG_AFTER_S {
+                break;
+            }
             self.tracking_s += dt;
         }
     }

@@ -158,7 +158,7 @@ impl Method for Mekf {
         let seen = s.expected(m);
         let e = sub(seen, m.acc2);
         let error2 = dot(e, e);
-        let level = dot(m.acc2, m.acc2).at_least(L::splat(LEAST_LEVEL));
+        let level = m.level[1].at_least(L::splat(LEAST_LEVEL));
         let per_level = L::splat(1.0) / level;
         let across = plane_across(m.acc2, level.sqrt() * per_level);
         let shown = scale(cross(m.acc2, e), per_level);

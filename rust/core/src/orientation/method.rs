@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{
-    algebra::{dot, scale},
+    algebra::scale,
     lane::Lane,
     state::{Moment, Noise, State},
 };
@@ -59,9 +59,8 @@ impl<L: Lane> Tuning<L> {
     /// Variance that one step adds about every axis; `drift` scales the part that grows with motion.
     #[inline(always)]
     pub(crate) fn process(&self, drift: L, m: &Moment<L>) -> L {
-        let turned = dot(m.turn1, m.turn1) + dot(m.turn2, m.turn2);
         let drift = drift * self.scale_noise;
-        m.dt * m.dt * self.rate_var + drift * drift * (turned + turned) * m.per_dt
+        m.dt * m.dt * self.rate_var + drift * drift * (m.turned2 + m.turned2) * m.per_dt
     }
 }
 

@@ -5,7 +5,7 @@
 //! the same sample of eight. What is left waits for the sample before: in one recording number by number, in eight
 //! lane by lane.
 
-use alloc::{vec, vec::Vec};
+use alloc::vec::Vec;
 
 use super::{
     algebra::{Vec3, scale},
@@ -25,43 +25,55 @@ const GROUPS: usize = 8;
 
 /// Runs `S` recordings (fewer repeat the last one) side by side for `steps` samples, or until one must go on alone: at once on
 /// x86-64 without AVX2, which is not worth code of its own.
-pub(super) fn together<T: Real, M: Method, const S: usize>(lanes: &mut [Passenger<'_, T, M>], steps: usize) {
+pub(super) fn together<T: Real, M: Method, const S: usize>(
+    lanes: &mut [Passenger<'_, T, M>],
+    steps: usize,
+    room: &mut Room<T>,
+) {
     #[cfg(all(feature = "std", target_arch = "x86_64"))]
     if T::HAS_WIDER && std::arch::is_x86_feature_detected!("avx512f") {
         // SAFETY: the processor has the feature that the function was compiled for, as just asked.
-        unsafe { together_avx512::<T, M, S>(lanes, steps) }
+        unsafe { together_avx512::<T, M, S>(lanes, steps, room) }
     } else if std::arch::is_x86_feature_detected!("avx2") {
         // SAFETY: the processor has the feature that the function was compiled for, as just asked.
-        unsafe { together_avx2::<T, M, S>(lanes, steps) }
+        unsafe { together_avx2::<T, M, S>(lanes, steps, room) }
     }
     #[cfg(not(all(feature = "std", target_arch = "x86_64")))]
-    together_in::<T, M, T::Registers, S>(lanes, steps);
+    together_in::<T, M, T::Registers, S>(lanes, steps, room);
 }
 
 /// The same source with wider registers; no fused operations, so the same bits.
 #[cfg(all(feature = "std", target_arch = "x86_64"))]
 #[target_feature(enable = "avx2")]
-fn together_avx2<T: Real, M: Method, const S: usize>(lanes: &mut [Passenger<'_, T, M>], steps: usize) {
-    together_in::<T, M, T::Registers, S>(lanes, steps);
+fn together_avx2<T: Real, M: Method, const S: usize>(lanes: &mut [Passenger<'_, T, M>], steps: usize, room: &mut Room<T>) {
+    together_in::<T, M, T::Registers, S>(lanes, steps, room);
 }
 
 /// The same in the widest.
 #[cfg(all(feature = "std", target_arch = "x86_64"))]
 #[target_feature(enable = "avx512f")]
-fn together_avx512<T: Real, M: Method, const S: usize>(lanes: &mut [Passenger<'_, T, M>], steps: usize) {
-    together_in::<T, M, T::Wider, S>(lanes, steps);
+fn together_avx512<T: Real, M: Method, const S: usize>(lanes: &mut [Passenger<'_, T, M>], steps: usize, room: &mut Room<T>) {
+    together_in::<T, M, T::Wider, S>(lanes, steps, room);
 }
 
 #[inline(always)]
-fn together_in<T: Real, M: Method, V: Eight<T>, const S: usize>(lanes: &mut [Passenger<'_, T, M>], steps: usize) {
+fn together_in<T: Real, M: Method, V: Eight<T>, const S: usize>(
+    lanes: &mut [Passenger<'_, T, M>],
+    steps: usize,
+    room: &mut Room<T>,
+) {
     let method = lanes[0].filter.method;
     let constants = Constants::<V>::of::<T, M>(lanes);
     let tuning = lanes[0].filter.tuning.cast::<T>();
     let pace = [lanes[0].filter.step_s, lanes[0].filter.settings.rate_hz].map(T::splat);
-    let (mut one, mut eight) = (lanes[0].filter.state, gathered::<T, M, V>(lanes));
-    let mut rows = Rows::<T, S>::new(lanes);
-    let mut moments = [Moment::<[T; EIGHT]>::default(); GROUPS];
-    let mut results = Results::<T, S>::new();
+    // One of these is used.
+    let mut one = lanes[0].filter.state;
+    let mut eight = State::<V>::new([0.0; 4], [0.0; 6], [0.0; 3], 0.0);
+    if S > 1 {
+        gather(lanes, &mut eight);
+    }
+    let Room { channels, moments, results } = room;
+    let mut rows = Rows::<T, S>::new(channels, lanes);
     let mut done = 0;
     let mut stop = false;
     while done < steps && !stop {
@@ -88,7 +100,7 @@ fn together_in<T: Real, M: Method, V: Eight<T>, const S: usize>(lanes: &mut [Pas
                 }
                 row += 1;
             }
-            results.hand_over::<M, V>(lanes, row);
+            results.hand_over::<M, V, S>(lanes, row);
             done += row;
             if alarmed {
                 stop = true;
@@ -106,6 +118,20 @@ fn together_in<T: Real, M: Method, V: Eight<T>, const S: usize>(lanes: &mut [Pas
     }
     for lane in lanes {
         lane.adopt(done);
+    }
+}
+
+/// Memory to work in, for any number of calls.
+pub(super) struct Room<T> {
+    channels: [Vec<T>; 12],
+    moments: [Moment<[T; EIGHT]>; GROUPS],
+    results: Results<T>,
+}
+
+impl<T: Real> Room<T> {
+    pub fn new() -> Self {
+        let results = Results { q: [[T::default(); GROUPS * EIGHT]; 4], variance: [T::default(); GROUPS * EIGHT] };
+        Self { channels: Default::default(), moments: Default::default(), results }
     }
 }
 
@@ -156,7 +182,7 @@ impl<V> Constants<V> {
 
     /// Works out groups of eight instants from row `first` on.
     #[inline(always)]
-    fn look<T: Real, const S: usize>(&self, rows: &Rows<T, S>, first: usize, moments: &mut [Moment<[T; EIGHT]>])
+    fn look<T: Real, const S: usize>(&self, rows: &Rows<'_, T, S>, first: usize, moments: &mut [Moment<[T; EIGHT]>])
     where
         V: Eight<T>,
     {
@@ -176,7 +202,7 @@ impl<V> Constants<V> {
 
     /// Turn, and acceleration of the joint centre.
     #[inline(always)]
-    fn sensor<T: Real, const S: usize>(&self, rows: &Rows<T, S>, at: usize, sensor: usize) -> (Vec3<V>, Vec3<V>)
+    fn sensor<T: Real, const S: usize>(&self, rows: &Rows<'_, T, S>, at: usize, sensor: usize) -> (Vec3<V>, Vec3<V>)
     where
         V: Eight<T>,
     {
@@ -190,16 +216,14 @@ impl<V> Constants<V> {
     }
 }
 
-/// The state of eight recordings in lanes.
-fn gathered<T: Real, M: Method, V: Eight<T>>(lanes: &[Passenger<'_, T, M>]) -> State<V> {
+/// The states of eight recordings into lanes.
+fn gather<T: Real, M: Method, V: Eight<T>>(lanes: &[Passenger<'_, T, M>], eight: &mut State<V>) {
     let mut numbers = State::<Array<T>>::new([0.0; 4], [0.0; 6], [0.0; 3], 0.0);
     for k in 0..EIGHT {
         let mut one = sitting(lanes, k).filter.state;
         numbers.zip_with(&mut one, |numbers, one| numbers.0[k] = *one);
     }
-    let mut eight = State::<V>::new([0.0; 4], [0.0; 6], [0.0; 3], 0.0);
     eight.zip_with(&mut numbers, |eight, numbers| *eight = V::load(&numbers.0));
-    eight
 }
 
 fn scatter<T: Real, M: Method, V: Eight<T>>(lanes: &mut [Passenger<'_, T, M>], eight: &mut State<V>) {
@@ -211,17 +235,18 @@ fn scatter<T: Real, M: Method, V: Eight<T>>(lanes: &mut [Passenger<'_, T, M>], e
 }
 
 /// Bias-free samples, channel by channel: number `row * S + k` is that of recording `k`.
-struct Rows<T, const S: usize> {
-    channels: [Vec<T>; 12],
+struct Rows<'r, T, const S: usize> {
+    channels: &'r mut [Vec<T>; 12],
     /// So many rows before the first new one: what derivatives look back on, twice as much as they look ahead.
     before: usize,
 }
 
-impl<T: Real, const S: usize> Rows<T, S> {
-    fn new<M: Method>(lanes: &[Passenger<'_, T, M>]) -> Self {
+impl<'r, T: Real, const S: usize> Rows<'r, T, S> {
+    fn new<M: Method>(channels: &'r mut [Vec<T>; 12], lanes: &[Passenger<'_, T, M>]) -> Self {
         let before = 2 * lanes[0].filter.delay_samples() as usize;
         // A group of eight may reach beyond the last row.
-        let mut rows = Self { channels: [(); 12].map(|()| vec![T::default(); before * S + READ + EIGHT]), before };
+        channels.iter_mut().for_each(|c| c.resize(before * S + READ + EIGHT, T::default()));
+        let mut rows = Self { channels, before };
         for k in 0..S {
             let lane = sitting(lanes, k);
             rows.put(lane, k, 0, lane.position - before, before);
@@ -285,7 +310,7 @@ impl<T: Real, const S: usize> Rows<T, S> {
 
     /// Makes room behind the last rows.
     fn shift(&mut self, count: usize) {
-        for channel in &mut self.channels {
+        for channel in self.channels.iter_mut() {
             channel.copy_within(count * S..(count + self.before) * S, 0);
         }
     }
@@ -299,16 +324,12 @@ fn eight_at<T: Real, V: Eight<T>>(channel: &[T], at: usize) -> V {
 }
 
 /// Orientations and variances on their way out.
-struct Results<T, const S: usize> {
+struct Results<T> {
     q: [[T; GROUPS * EIGHT]; 4],
     variance: [T; GROUPS * EIGHT],
 }
 
-impl<T: Real, const S: usize> Results<T, S> {
-    fn new() -> Self {
-        Self { q: [[T::default(); GROUPS * EIGHT]; 4], variance: [T::default(); GROUPS * EIGHT] }
-    }
-
+impl<T: Real> Results<T> {
     #[inline(always)]
     fn put_one(&mut self, row: usize, q: &[T; 4], variance: T) {
         for (all, q) in self.q.iter_mut().zip(q) {
@@ -327,7 +348,7 @@ impl<T: Real, const S: usize> Results<T, S> {
 
     /// Gives each recording its estimates of the first rows.
     #[inline(always)]
-    fn hand_over<M: Method, V: Eight<T>>(&mut self, lanes: &mut [Passenger<'_, T, M>], rows: usize) {
+    fn hand_over<M: Method, V: Eight<T>, const S: usize>(&mut self, lanes: &mut [Passenger<'_, T, M>], rows: usize) {
         for group in self.variance.as_chunks_mut().0 {
             spread(V::load(group)).store(group);
         }
@@ -357,9 +378,7 @@ impl<T: Real, M: Method> Passenger<'_, T, M> {
         let Self { filter, signals, position, .. } = self;
         filter.count += steps as u64;
         filter.done += steps as u64;
-        for _ in 0..steps {
-            filter.tracked_for(filter.step_s);
-        }
+        filter.tracked_for(steps, filter.step_s);
         *position += steps;
         for at in position.saturating_sub((LENGTH as usize).min(steps))..*position {
             let sample = filter.unbiased(&signals.sample(at));

@@ -87,6 +87,25 @@ pub(super) fn finish<T: Real, M: Method>(filter: &mut Filter<T, M>, signals: &Si
         *end = last.q;
     }
     carry_back(filter.settings(), signals, estimates);
+    make_continuous(estimates);
+}
+
+/// Turns the signs so that none flips from one sample to the next. Where the numbers overflowed, the orientation is unknown.
+fn make_continuous(estimates: &mut Estimates) {
+    let mut before = [0.0; 4];
+    for (q, std) in estimates.q.iter_mut().zip(&mut estimates.std) {
+        if !((dot4(q, q) - 1.0).abs() < 1e-3 && std.is_finite()) {
+            (*q, *std) = ([1.0, 0.0, 0.0, 0.0], core::f64::consts::PI);
+        }
+        if dot4(q, &before) < 0.0 {
+            *q = q.map(|x| -x);
+        }
+        before = *q;
+    }
+}
+
+fn dot4(a: &Quat<f64>, b: &Quat<f64>) -> f64 {
+    (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3])
 }
 
 /// Gives the samples of a start the orientation that it found, turned back by the gyroscopes.

@@ -55,13 +55,19 @@ pub struct Moment<L> {
     pub acc1: Vec3<L>,
     /// The same in the frame of sensor 2.
     pub acc2: Vec3<L>,
+    /// Squares: of both turns together, rad², and of the two accelerations, (m/s²)².
+    pub turned2: L,
+    /// See there.
+    pub level: [L; 2],
 }
 
 impl<L: Lane> Moment<L> {
     /// From pace (dt, per_dt), turns of both sensors and the accelerations that they see.
     #[inline(always)]
     pub fn new([dt, per_dt]: [L; 2], [turn1, turn2]: [Vec3<L>; 2], [acc1, acc2]: [Vec3<L>; 2]) -> Self {
-        Self { dt, per_dt, turn1, turn2, step: [exp(turn1), exp(turn2)], acc1, acc2 }
+        let step = [exp(turn1), exp(turn2)];
+        let turned2 = dot(turn1, turn1) + dot(turn2, turn2);
+        Self { dt, per_dt, turn1, turn2, step, acc1, acc2, turned2, level: [dot(acc1, acc1), dot(acc2, acc2)] }
     }
 }
 
@@ -79,6 +85,8 @@ impl<L> Moment<L> {
             step: [[f(a), f(b), f(c), f(d)], [f(w), f(x), f(y), f(z)]],
             acc1: vector(&self.acc1),
             acc2: vector(&self.acc2),
+            turned2: f(&self.turned2),
+            level: [f(&self.level[0]), f(&self.level[1])],
         }
     }
 
@@ -192,7 +200,8 @@ impl<L: Lane> State<L> {
         self.up = add(self.up, scale(sub(m.acc2, self.up), share(m.dt, UP_S)));
         let up2 = dot(self.up, self.up).at_least(L::splat(1e-12));
         let along = scale(self.up, L::splat(1.0) / up2);
-        let (flat1, flat2) = (flat(seen, self.up, along), flat(m.acc2, self.up, along));
+        let [level1, level2] = m.level;
+        let (flat1, flat2) = (flat(level1, seen, self.up, along), flat(level2, m.acc2, self.up, along));
         self.heading_power = self.heading_power + (flat2 - self.heading_power) * share(m.dt, POWER_S);
         // Weighed and bounded, so that one impact counts like any other instant.
         let flat = flat1 + flat2;
@@ -229,10 +238,10 @@ pub(crate) fn share<L: Lane>(dt: L, seconds: f64) -> L {
     (dt * L::splat(1.0 / seconds)).at_most(L::splat(1.0))
 }
 
-/// Square of what of `a` is at right angles to `up`, whose reciprocal vector is `along`.
+/// Square of what of `a`, whose own is `level`, is at right angles to `up`, whose reciprocal vector is `along`.
 #[inline(always)]
-fn flat<L: Lane>(a: Vec3<L>, up: Vec3<L>, along: Vec3<L>) -> L {
-    (dot(a, a) - dot(a, along) * dot(a, up)).at_least(L::splat(0.0))
+fn flat<L: Lane>(level: L, a: Vec3<L>, up: Vec3<L>, along: Vec3<L>) -> L {
+    (level - dot(a, along) * dot(a, up)).at_least(L::splat(0.0))
 }
 
 /// A variance per axis after one more `square` of three axes.

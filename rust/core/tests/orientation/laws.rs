@@ -65,7 +65,7 @@ fn a_recording_in_a_batch_gives_the_bits_it_gives_alone() {
             joints.iter().map(BallJoint::settings).zip(recordings.iter().map(Recording::signals)).collect();
         all[2].1 = recordings[2].timed();
         let Some(together) = run_batch::<f64, M>(method, &all, &mut || true) else { panic!() };
-        for ((settings, signals), batch) in all.iter().zip(together) {
+        for ((settings, signals), (batch, _)) in all.iter().zip(together) {
             let alone = run::<f64, M>(settings, method, signals, &mut || true).map(|r| r.0);
             assert!(alone == Some(batch));
         }
