@@ -102,8 +102,8 @@ def test_wrong_input_is_refused_before_the_work(tmp_path: Path, hinge: imufast.H
     before = path.read_bytes(), cal.read_bytes()
     for arguments, said in (
         (["--out", path], "--out '"),
-        (["--out", tmp_path / "q.txt"], "must end in .csv or .parquet"),
-        (["--out", tmp_path / "q"], "must end in .csv or .parquet"),
+        (["--out", tmp_path / "q.txt"], "must end in .csv, .parquet or .sto"),
+        (["--out", tmp_path / "q"], "must end in .csv, .parquet or .sto"),
         (["--calibration", cal, "--out", cal], "would replace the calibration"),
         (["--calibration", tmp_path / "none.json"], "cannot be read as a calibration"),
         (["--calibration", path], "cannot be read as a calibration"),

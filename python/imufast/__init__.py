@@ -5,6 +5,7 @@ Units are SI (rad/s, m/s², s, m); names that end in `_deg` are degrees. Quatern
 
 from __future__ import annotations
 
+from imufast.angles import AngleStatus, AngleStd, JointAngles
 from imufast.axis import HingeAxis, HingeMinimum, JointAxis, SolveStatus, estimate_hinge_axis
 from imufast.calibrate import calibrate_joint
 from imufast.calibration import JointCalibration
@@ -20,11 +21,14 @@ from imufast.decide import HingeStep, Verdict
 from imufast.deviation import angular_deviation_deg
 from imufast.errors import FileFormatError, ImufastError, ImufastWarning, InputError, MissingFileError, SettingsError, UnitError
 from imufast.filters import Complementary, Mekf, OrientationFilter
+from imufast.frames import SegmentFrame, segment_frame
 from imufast.hinge import HingeCalibration, HingeCalibrator, calibrate_hinge
+from imufast.hinge_angle import hinge_angle, hinge_angle_deg
 from imufast.imu import Imu, ReadInfo, Recording
-from imufast.io import align, read, write_orientation
+from imufast.io import align, read, write_angles, write_orientation
+from imufast.joint_angles import joint_angles, joint_angles_deg
 from imufast.noise import SensorNoise
-from imufast.report import report_json, write_json, write_report
+from imufast.report import report_json, write_figure, write_json, write_report
 from imufast.select import SampleSelection, select_samples
 from imufast.settings import AxisSettings, CenterSettings, HingeSettings
 from imufast.simulate import (
@@ -46,6 +50,8 @@ from imufast.sync import TimeOffset, time_offset
 from imufast.track import RelativeOrientation, TrackStatus, track, track_many
 
 __all__ = [
+    "AngleStatus",
+    "AngleStd",
     "AxisSettings",
     "BallJointSimulation",
     "BallMotion",
@@ -66,6 +72,7 @@ __all__ = [
     "ImufastError",
     "ImufastWarning",
     "InputError",
+    "JointAngles",
     "JointAxis",
     "JointCalibration",
     "JointCenter",
@@ -78,6 +85,7 @@ __all__ = [
     "Recording",
     "RelativeOrientation",
     "SampleSelection",
+    "SegmentFrame",
     "SensorNoise",
     "SettingsError",
     "Smoother",
@@ -94,18 +102,25 @@ __all__ = [
     "estimate_hinge_axis",
     "estimate_joint_center",
     "fit_joint_center",
+    "hinge_angle",
+    "hinge_angle_deg",
+    "joint_angles",
+    "joint_angles_deg",
     "paper_rig",
     "random_biases",
     "random_positions",
     "random_tissue",
     "read",
     "report_json",
+    "segment_frame",
     "select_samples",
     "simulate_ball_joint",
     "simulate_hinge",
     "time_offset",
     "track",
     "track_many",
+    "write_angles",
+    "write_figure",
     "write_json",
     "write_orientation",
     "write_report",

@@ -9,7 +9,7 @@ from pathlib import Path
 import imufast
 import numpy as np
 import pytest
-from imufast.io import orientation_files
+from imufast.io import table_files
 from imufast.io.orientation_files import write_orientation
 
 
@@ -23,7 +23,7 @@ def rel() -> imufast.RelativeOrientation:
 def test_csv_states_units_and_frames_and_keeps_the_numbers(
     rel: imufast.RelativeOrientation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(orientation_files, "ROWS", 64)
+    monkeypatch.setattr(table_files, "ROWS", 64)
     path = tmp_path / "q.CSV"
     imufast.write_orientation(rel, path)
     first, names, *rows = path.read_text("utf-8").splitlines()
@@ -77,7 +77,7 @@ def test_whole_or_not_at_all(
 
 def test_other_things_and_names_are_refused(rel: imufast.RelativeOrientation, tmp_path: Path) -> None:
     for name in ("q.txt", "q", ".csv", "q.csv.gz"):
-        with pytest.raises(imufast.InputError, match=r"must end in \.csv or \.parquet"):
+        with pytest.raises(imufast.InputError, match=r"must end in \.csv, \.parquet or \.sto"):
             write_orientation(rel, tmp_path / name)
     with pytest.raises(imufast.InputError, match="rel must be a RelativeOrientation"):
         write_orientation(rel.q_12, tmp_path / "q.csv")  # type: ignore[arg-type]

@@ -2,7 +2,7 @@
 
 Exit codes: 0 done, 2 wrong input (one line on stderr says which); of `calibrate` also 3 not enough information, 4 not a hinge
 (nor, with `--joint auto`, a ball joint), 5 the mounting changed on the way; of `track` also 3 not observable, 4 the search
-did not end as it should.
+did not end as it should; with --angles also 3 no hinge axis yet, 4 not a hinge.
 """
 
 from __future__ import annotations
@@ -19,16 +19,17 @@ from typing import Any, TextIO, TypeVar
 
 import click
 
+from imufast.angles import JointAngles
 from imufast.calibrate import JOINTS, calibrate_joint
 from imufast.calibration import JointCalibration
+from imufast.cli import angled, show, tracked, truth
 from imufast.cli import result as print_result
-from imufast.cli import show, tracked, truth
+from imufast.cli.angled import AngleOptions, angle_options
 from imufast.errors import ImufastError, ImufastWarning, InputError
 from imufast.files import check_target
 from imufast.imu import Imu, Recording
-from imufast.io import format_names, read, write_orientation
-from imufast.io.orientation_files import check_orientation_target
-from imufast.report import words, write_json, write_report
+from imufast.io import format_names, read, write_angles, write_orientation
+from imufast.report import words, write_figure, write_json, write_report
 from imufast.report.page import check_extra
 from imufast.settings import HingeSettings, settings_from
 from imufast.simulate import random_biases, simulate_hinge
@@ -223,8 +224,15 @@ def calibrate(
     help="smoother: the whole recording at once, most accurate; mekf, complementary: causal filters. Default: auto, smoother.",
 )
 @click.option(
-    "--out", "out_path", type=click.Path(path_type=Path), metavar="Q.csv|.parquet", help="Write time, quaternion and std here."
+    "--out",
+    "out_path",
+    type=click.Path(path_type=Path),
+    metavar="OUT",
+    help="Write time, quaternion and std here, .csv, .parquet or .sto; with --angles the angles, .mot (OpenSim), .sto, .csv or "
+    ".parquet.",
 )
+@angle_options
+@click.option("--save", "save_path", type=click.Path(path_type=Path), metavar="CAL.json", help="Write the calibration here.")
 @click.option("--report", "report_path", type=click.Path(path_type=Path), metavar="OUT.html", help="Write the report here.")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), metavar="OUT.json", help="Write its numbers here.")
 @_reading_options
@@ -234,19 +242,24 @@ def track(
     calibration_path: Path | None,
     method: str,
     out_path: Path | None,
+    save_path: Path | None,
     report_path: Path | None,
     json_path: Path | None,
-    **reading: Any,
+    **others: Any,
 ) -> None:
-    """How is sensor 2 turned against sensor 1 over time? FILE1 FILE2, or one file with both sensors.
+    """How is sensor 2 turned against sensor 1 over time, and with --angles: what are the joint's angles? FILE1 (proximal) FILE2
+    (distal), or one file with both sensors. Times in options count from the start of the recording, s.
 
-    Exit codes: 0 tracked, 2 wrong input, 3 the motion does not show the orientation, 4 the search did not end as it should.
+    Exit codes: 0 tracked, 2 wrong input, 3 the motion does not show the orientation (or the axis that --angles needs), 4 the
+    search did not end as it should, or the joint is no hinge.
     """
+    asked = AngleOptions(**{name: others.pop(name) for name in AngleOptions.__dataclass_fields__})
     with _guard() as warned:
-        outputs = Outputs(report_path, json_path, out=out_path)
+        outputs = Outputs(report_path, json_path, save_path, out_path, asked.figure_path)
         _check_outputs(files, outputs, calibration_path)
+        asked.check(out_path, calibration_path)
         known = None if calibration_path is None else JointCalibration.load(calibration_path)
-        imu1, imu2 = _choose(_read(files, **reading), sensors)
+        imu1, imu2 = _choose(_read(files, **others), sensors)
         late = show.offset_warning(_offset(imu1, imu2), imu1.name, imu2.name)
         if late:
             warned.append(late)
@@ -255,11 +268,16 @@ def track(
             given = calibrate_joint(imu1, imu2) if known is None else known
             rel = track_pair(imu1, imu2, given, method)
         tracked.orientation(rel, imu1, imu2, None if calibration_path is None else str(calibration_path))
-        if out_path is not None:
-            write_orientation(rel, out_path)
-            show.say(f"orientations: {out_path}")
-        _write(rel, (imu1, imu2), outputs, None, warned)
-    raise SystemExit(tracked.exit_code(rel))
+        code, angles = tracked.exit_code(rel), None
+        if asked.angles and rel.calibration.axis is None:
+            code = max(code, angled.no_axis(rel))
+        elif asked.angles:
+            angles, rel = angled.find(rel, imu1, imu2, asked)
+            angled.found(angles)
+            code = max(code, angled.exit_code(angles))
+        _write_tracked(rel, angles, asked, outputs)
+        _write(rel, (imu1, imu2), outputs, None, warned, angles)
+    raise SystemExit(code)
 
 
 @app.command()
@@ -310,6 +328,7 @@ class Outputs:
     json: Path | None = None
     save: Path | None = None
     out: Path | None = None
+    figure: Path | None = None
 
 
 def _check_outputs(files: Sequence[Path], outputs: Outputs, calibration: Path | None = None) -> None:
@@ -317,18 +336,33 @@ def _check_outputs(files: Sequence[Path], outputs: Outputs, calibration: Path | 
     taken = {file.resolve(): f"the recording {str(file)!r}" for file in files}
     if calibration is not None:
         taken[calibration.resolve()] = f"the calibration {str(calibration)!r}"
-    asked = (("--report", outputs.report), ("--json", outputs.json), ("--save", outputs.save), ("--out", outputs.out))
-    for name, path in asked:
+    for name in ("report", "json", "save", "out", "figure"):
+        path = getattr(outputs, name)
         if path is None:
             continue
-        target = check_target(path, name)
+        target = check_target(path, f"--{name}")
         if target in taken:
-            raise InputError(f"{name} {str(path)!r} would replace {taken[target]}; give another file")
-        taken[target] = f"what {name} writes"
-    if outputs.out is not None:
-        check_orientation_target(outputs.out, "--out")
+            raise InputError(f"--{name} {str(path)!r} would replace {taken[target]}; give another file")
+        taken[target] = f"what --{name} writes"
     if outputs.report is not None:
         check_extra()
+
+
+def _write_tracked(rel: RelativeOrientation, angles: JointAngles | None, asked: AngleOptions, outputs: Outputs) -> None:
+    """What `track` writes beside report and numbers."""
+    if outputs.out is not None and angles is not None:
+        write_angles(angles, outputs.out, names=asked.columns())
+        show.say(f"angles: {outputs.out}")
+    elif outputs.out is not None and not asked.angles:
+        names = asked.columns()
+        write_orientation(rel, outputs.out, **({} if names is None else {"names": names}))
+        show.say(f"orientations: {outputs.out}")
+    if outputs.figure is not None and angles is not None:
+        write_figure(angles, outputs.figure)
+        show.say(f"figure: {outputs.figure}")
+    if outputs.save is not None:
+        rel.calibration.save(outputs.save)
+        show.say(f"calibration: {outputs.save}")
 
 
 def _write(
@@ -337,16 +371,17 @@ def _write(
     outputs: Outputs,
     title: str | None,
     warned: Sequence[str],
+    angles: JointAngles | None = None,
 ) -> None:
     if outputs.save is not None and isinstance(result, JointCalibration):
         result.save(outputs.save)
         show.say(f"calibration: {outputs.save}")
     if outputs.json is not None:
-        write_json(result, outputs.json, recording=pair, title=title, warnings=warned)
+        write_json(result, outputs.json, recording=pair, title=title, warnings=warned, angles=angles)
         show.say(f"numbers: {outputs.json}")
     if outputs.report is not None:
         with show.working("Drawing the report"):
-            write_report(result, outputs.report, recording=pair, title=title, warnings=warned)
+            write_report(result, outputs.report, recording=pair, title=title, warnings=warned, angles=angles)
         show.say(f"report: {outputs.report}")
 
 

@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from imufast.angles import JointAngles
 from imufast.axis import JointAxis
 from imufast.calibration import JointCalibration
 from imufast.center import CenterEstimate
@@ -20,6 +21,7 @@ from imufast.hinge import HingeCalibration
 from imufast.imu import Imu, Recording
 from imufast.pairs import check_pair, pair_signals
 from imufast.report import joint_words
+from imufast.report.angle_content import angles_plain
 from imufast.report.center_content import acc_bias_plain, center_plain
 from imufast.report.hinge_content import hinge_plain
 from imufast.report.joint_words import Result
@@ -62,6 +64,7 @@ def report_json(
     recording: Pair | None = None,
     title: str | None = None,
     warnings: Iterable[str] = (),
+    angles: JointAngles | None = None,
     max_points: int | None = MOST_POINTS,
 ) -> dict[str, Any]:
     """All numbers and words of the report as plain JSON: dict, list, str, int, float, bool and None (for what is unknown,
@@ -78,6 +81,7 @@ def report_json(
             `RelativeOrientation` residual and observability.
         title: of the report.
         warnings: what else the reader should know, one sentence each.
+        angles: of a `RelativeOrientation`: the joint angles that were made of it. Default None.
         max_points: the most steps of the history, times of samples, residuals, and orientations that are kept; longer
             histories are thinned, extremes kept. None: all.
 
@@ -93,10 +97,17 @@ def report_json(
         raise InputError("warnings must be several texts, such as a list, not one text")
     if max_points is not None and (isinstance(max_points, bool) or not isinstance(max_points, int) or max_points < 100):
         raise InputError(f"max_points must be a whole number of at least 100 or None (all), got {max_points!r}")
+    if angles is not None:
+        if not isinstance(angles, JointAngles) or not isinstance(result, RelativeOrientation):
+            raise InputError(f"angles must be JointAngles, and go with a RelativeOrientation; got {type(angles).__name__}")
+        if not np.array_equal(angles.time_s, result.time_s):
+            raise InputError("angles are not of this relative orientation: the times of their samples differ")
     pair = _pair(recording)
     told = [str(warning) for warning in warnings]
     if isinstance(result, RelativeOrientation):
-        plain = _orientation(result, pair, title, told, max_points)
+        of_angles = None if angles is None else "Joint angle" if len(angles.names) == 1 else "Joint angles"
+        plain = _orientation(result, pair, title or of_angles, told, max_points)
+        plain["angles"] = None if angles is None else angles_plain(angles, max_points)
     else:
         plain = _calibration(result, pair, title, told, max_points)
     cleaned: dict[str, Any] = _clean(plain)

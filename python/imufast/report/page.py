@@ -81,6 +81,8 @@ def html(report: dict[str, Any]) -> str:
 
 def _orientation_page(report: dict[str, Any], template: jinja2.Template) -> str:
     """The page of a relative orientation."""
+    from imufast.report.angle_figure import angle_picture
+    from imufast.report.figures import clock_of
     from imufast.report.orientation_figure import histogram_picture, orientation_timeline
 
     known = report["calibration"]
@@ -99,6 +101,7 @@ def _orientation_page(report: dict[str, Any], template: jinja2.Template) -> str:
     return template.render(
         report=report,
         sensors=sensors,
+        angle_picture=angle_picture(report["angles"], clock_of(report)) if report["angles"] else "",
         timeline=orientation_timeline(report) or "",
         histogram=histogram_picture(report) or "",
         tone=tones.get(report["status"], "open"),

@@ -1,8 +1,10 @@
-"""Long histories made short: what a figure of a thousand points can show, extremes kept."""
+"""Long histories and curves made short: what a figure of a thousand points can show, extremes kept."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,12 +12,14 @@ from numpy.typing import NDArray
 from imufast.decide import HingeStep
 from imufast.pairs import PairSignals
 
-__all__ = ["excitation", "spread_out", "thin_steps"]
+__all__ = ["excitation", "kept_samples", "longest_spans", "spread_out", "thin_steps"]
 
 Array = NDArray[np.float64]
 
 BINS = 900
 """Intervals of the curve of the relative rate."""
+MOST_MARKS = 200
+"""Gaps and the like that are listed, the longest of them."""
 
 
 def thin_steps(steps: Sequence[HingeStep], most: int | None) -> list[HingeStep]:
@@ -46,6 +50,27 @@ def spread_out(values: Sequence[int], most: int) -> list[int]:
     if len(values) <= most:
         return list(values)
     return [values[i] for i in np.linspace(0, len(values) - 1, max(most, 0)).astype(int).tolist()]
+
+
+def kept_samples(curves: Sequence[Array], count: int, most: int | None) -> NDArray[np.int64]:
+    """The samples that are drawn: of equal stretches those with the extremes of each curve, the first and the last."""
+    if most is None or count <= most:
+        return np.arange(count, dtype=np.int64)
+    stretches = max(1, (most - 2) // (2 * len(curves)))
+    edges = np.linspace(0, count, stretches + 1).astype(int).tolist()
+    keep = {0, count - 1}
+    for curve in curves:
+        for start, stop in pairwise(edges):
+            part = curve[start:stop]
+            keep.update((start + int(part.argmin()), start + int(part.argmax())))
+    return np.array(sorted(keep), dtype=np.int64)
+
+
+def longest_spans(spans: Array) -> dict[str, Any]:
+    """How many stretches of time there are, how long in all, and the longest of them in order; (k, 2) in, s."""
+    order = np.argsort(spans[:, 0] - spans[:, 1], kind="stable")[:MOST_MARKS]
+    total = float((spans[:, 1] - spans[:, 0]).sum())
+    return {"count": len(spans), "total_s": total, "spans": spans[np.sort(order)]}
 
 
 def excitation(pair: PairSignals, axis1: Array | None, axis2: Array | None) -> dict[str, list[float | None]]:

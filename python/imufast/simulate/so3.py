@@ -1,7 +1,4 @@
-"""Rotations in numpy: Hamilton quaternions `[w, x, y, z]`, and turning frames that know their rate and acceleration.
-
-`q_ab` takes vectors of frame b to frame a. Every function works row by row on (..., 4) and (..., 3) arrays.
-"""
+"""Turning frames that know their rate and acceleration; quaternions as in `imufast.quaternion`."""
 
 from __future__ import annotations
 
@@ -10,45 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from imufast.quaternion import conjugate, multiply, rotate, rotate_back
+
 from .checks import FloatArray
 from .signals import Signal
 
 __all__ = ["Turning", "conjugate", "multiply", "random_direction", "random_quaternion", "rotate", "rotate_back", "turned_by"]
-
-
-def multiply(q_ab: ArrayLike, q_bc: ArrayLike) -> FloatArray:
-    """q_ac = q_ab * q_bc; (..., 4)."""
-    p, q = np.asarray(q_ab, dtype=np.float64), np.asarray(q_bc, dtype=np.float64)
-    w1, x1, y1, z1 = np.moveaxis(p, -1, 0)
-    w2, x2, y2, z2 = np.moveaxis(q, -1, 0)
-    return np.stack(
-        [
-            w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
-            w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
-            w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
-            w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
-        ],
-        axis=-1,
-    )
-
-
-def conjugate(q_ab: ArrayLike) -> FloatArray:
-    """q_ba, the inverse of the unit quaternion q_ab; (..., 4)."""
-    inverse: FloatArray = np.asarray(q_ab, dtype=np.float64) * np.array([1.0, -1.0, -1.0, -1.0])
-    return inverse
-
-
-def rotate(q_ab: ArrayLike, v_b: ArrayLike) -> FloatArray:
-    """The vectors v_b (..., 3), seen in frame a."""
-    q, v = np.asarray(q_ab, dtype=np.float64), np.asarray(v_b, dtype=np.float64)
-    twice = 2.0 * np.cross(q[..., 1:], v)
-    turned: FloatArray = v + q[..., :1] * twice + np.cross(q[..., 1:], twice)
-    return turned
-
-
-def rotate_back(q_ab: ArrayLike, v_a: ArrayLike) -> FloatArray:
-    """The vectors v_a (..., 3), seen in frame b."""
-    return rotate(conjugate(q_ab), v_a)
 
 
 def turned_by(axis: ArrayLike, angle_rad: ArrayLike) -> FloatArray:

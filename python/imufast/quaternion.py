@@ -1,0 +1,100 @@
+"""Quaternions in numpy, Hamilton, scalar first `[w, x, y, z]`; `q_ab` takes vectors of frame b to frame a.
+
+Every function works row by row on (..., 4) and (..., 3) arrays.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["conjugate", "from_matrix", "matrix", "multiply", "rotate", "rotate_back", "shortest_turn", "twist"]
+
+Array = NDArray[np.float64]
+
+
+def multiply(q_ab: ArrayLike, q_bc: ArrayLike) -> Array:
+    """q_ac = q_ab * q_bc; (..., 4)."""
+    p, q = np.asarray(q_ab, dtype=np.float64), np.asarray(q_bc, dtype=np.float64)
+    w1, x1, y1, z1 = np.moveaxis(p, -1, 0)
+    w2, x2, y2, z2 = np.moveaxis(q, -1, 0)
+    return np.stack(
+        [
+            w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
+            w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
+            w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
+            w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
+        ],
+        axis=-1,
+    )
+
+
+def conjugate(q_ab: ArrayLike) -> Array:
+    """q_ba, the inverse of the unit quaternion q_ab; (..., 4)."""
+    inverse: Array = np.asarray(q_ab, dtype=np.float64) * np.array([1.0, -1.0, -1.0, -1.0])
+    return inverse
+
+
+def rotate(q_ab: ArrayLike, v_b: ArrayLike) -> Array:
+    """The vectors v_b (..., 3), seen in frame a."""
+    q, v = np.asarray(q_ab, dtype=np.float64), np.asarray(v_b, dtype=np.float64)
+    twice = 2.0 * np.cross(q[..., 1:], v)
+    turned: Array = v + q[..., :1] * twice + np.cross(q[..., 1:], twice)
+    return turned
+
+
+def rotate_back(q_ab: ArrayLike, v_a: ArrayLike) -> Array:
+    """The vectors v_a (..., 3), seen in frame b."""
+    return rotate(conjugate(q_ab), v_a)
+
+
+def matrix(q_ab: ArrayLike) -> Array:
+    """(..., 3, 3) rotation matrices of unit quaternions: their columns are the axes of frame b, seen in frame a."""
+    q = np.asarray(q_ab, dtype=np.float64)[..., None, :]
+    return np.swapaxes(rotate(np.broadcast_to(q, (*q.shape[:-2], 3, 4)), np.eye(3)), -1, -2)
+
+
+def from_matrix(matrix_ab: ArrayLike) -> Array:
+    """(4,) the unit quaternion of a (3, 3) rotation matrix, scalar part not negative."""
+    m = np.asarray(matrix_ab, dtype=np.float64)
+    # The matrix whose dominant eigenvector is the quaternion (Bar-Itzhack 2000): no case is special.
+    outer = np.array(
+        [
+            [m[0, 0] + m[1, 1] + m[2, 2], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
+            [0.0, m[0, 0] - m[1, 1] - m[2, 2], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]],
+            [0.0, 0.0, m[1, 1] - m[0, 0] - m[2, 2], m[1, 2] + m[2, 1]],
+            [0.0, 0.0, 0.0, m[2, 2] - m[0, 0] - m[1, 1]],
+        ]
+    )
+    q: Array = np.linalg.eigh(outer, UPLO="U")[1][:, -1]
+    return q if q[0] >= 0.0 else -q
+
+
+def shortest_turn(v_b: ArrayLike, v_a: ArrayLike) -> Array:
+    """(4,) the smallest turn q_ab that takes the unit vector v_b to the unit vector v_a."""
+    b, a = np.asarray(v_b, dtype=np.float64), np.asarray(v_a, dtype=np.float64)
+    along = float(b @ a)
+    if along > -1.0 + 1e-9:
+        q = np.array([1.0 + along, *np.cross(b, a)])
+    else:  # opposite: half a turn about anything across
+        q = np.array([0.0, *np.cross(b, np.eye(3)[int(np.abs(b).argmin())])])
+    unit: Array = q / np.linalg.norm(q)
+    return unit
+
+
+def twist(q: Array, axis: Array) -> tuple[Array, Array]:
+    """The turn about `axis` that comes nearest to each rotation, and what a small further turn does to it.
+
+    Args:
+        q: (N, 4) unit quaternions w, v that take a frame to one in which `axis` is the same vector.
+        axis: (3,) unit vector.
+
+    Returns:
+        (N,) angle 2 atan2(v·axis, w), rad, within ±2π; and (N, 3) its gradient g: turning q by a small rotation vector δ on the
+        right changes the angle by g·δ. Without a turn off the axis g is the axis; half a turn off it, g is infinite.
+    """
+    w, v = q[:, 0], q[:, 1:]
+    p = v @ axis
+    size = np.maximum(w * w + p * p, np.finfo(np.float64).tiny)
+    gradient = w[:, None] * (w[:, None] * axis + np.cross(axis, v)) + p[:, None] * v
+    return 2.0 * np.arctan2(p, w), gradient / size[:, None]
