@@ -176,8 +176,9 @@ def off_axis_covariance(rel: RelativeOrientation, axis: JointAxis, turn: Array, 
 def check_axis(axis: object) -> None:
     """Refuse what is no hinge axis."""
     if not isinstance(axis, JointAxis):
-        text = "None: this calibration found no hinge" if axis is None else type(axis).__name__
-        raise InputError(f"axis must be a JointAxis such as calibration.axis, got {text}")
+        if axis is None:
+            raise InputError("axis is None: there was no calibration (calibrate_joint makes one), or it found no hinge")
+        raise InputError(f"axis must be a JointAxis such as calibration.axis, got {type(axis).__name__}")
     for name in ("axis1", "axis2"):
         vector = np.asarray(getattr(axis, name))
         if vector.shape != (3,) or not abs(float(np.linalg.norm(vector)) - 1.0) < 1e-6:
