@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Callable
 from dataclasses import replace
 
 import imufast
@@ -44,10 +45,10 @@ def test_turning_a_sensor_on_its_segment_changes_nothing(zero: str) -> None:
         imufast.segment_frame("left", flexion_axis=a, joint="knee", anterior=b)
         for a, b in ((axis.axis1, (1, 2, 3)), (axis.axis2, (2, 1, 0)))
     ]
-    moved = [
-        imufast.SegmentFrame(*(on.apply(np.array(v)) for v in (f.anterior, f.proximal, f.right)), f.side, f.joint)
-        for on, f in zip((on1, on2), frames, strict=True)
-    ]
+    moved = []
+    for on, f in zip((on1, on2), frames, strict=True):
+        front, up, right = (on.apply(np.array(v)) for v in (f.anterior, f.proximal, f.right))
+        moved.append(imufast.SegmentFrame(front, up, right, f.side, f.joint))
     pose = rotations[17]
     zeros = {
         "mean": ("mean", "mean"),
@@ -251,7 +252,7 @@ def test_results_cannot_be_changed_and_survive_pickling() -> None:
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1
     with pytest.raises(AttributeError):
-        found.status = imufast.AngleStatus.UNCERTAIN
+        found.status = imufast.AngleStatus.UNCERTAIN  # type: ignore[misc]
     with pytest.raises(InputError, match="there is no angle 'flexion'; there are 'hinge_angle'"):
         found["flexion"]
     with pytest.raises(InputError, match="alone is no orientation"):
@@ -264,7 +265,7 @@ def test_wrong_input_is_refused_by_name() -> None:
     long = JointAxis(2.0 * axis.axis1, axis.axis2)
     still = orientation(Rotation.concatenate([rotations[0]] * 50))
     even, even_axis = hinge(np.sin(np.linspace(0.0, 50.0, 400)))
-    for call, said in (
+    cases: tuple[tuple[Callable[[], object], str], ...] = (
         (lambda: hinge_angle(rel.q_12, axis), "rel must be a RelativeOrientation"),  # type: ignore[arg-type]
         (lambda: hinge_angle(replace(rel, q_12=np.full((400, 4), np.nan)), axis), "rel.q_12 must be unit quaternions"),
         (lambda: hinge_angle(rel, None), "axis is None: there was no calibration"),  # type: ignore[arg-type]
@@ -284,7 +285,8 @@ def test_wrong_input_is_refused_by_name() -> None:
         (lambda: hinge_angle(still, axis, flexion=(0.0, 1.0)), "which tells no sign"),
         (lambda: hinge_angle(still, axis, flexion="excursion"), "does not tell the sign"),
         (lambda: hinge_angle(orientation(even), even_axis, flexion="excursion"), "does not tell the sign"),
-    ):
+    )
+    for call, said in cases:
         with pytest.raises(InputError, match=said.replace("(", r"\(")):
             call()
 

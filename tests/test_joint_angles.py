@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -42,7 +43,7 @@ def one(turn: str, degrees: float) -> Rotation:
 @pytest.mark.parametrize("signs", ["clinical", "consistent"])
 @pytest.mark.parametrize("frames", [LEFT, RIGHT])
 def test_angles_and_orientations_invert_each_other(
-    convention: str, signs: str, frames: tuple[imufast.SegmentFrame, ...]
+    convention: str, signs: str, frames: tuple[imufast.SegmentFrame, imufast.SegmentFrame]
 ) -> None:
     segments = motion()
     found = joint_angles(tracked(segments), *frames, convention=convention, signs=signs)
@@ -80,17 +81,17 @@ def test_mirrored_recordings_from_raw_data_have_the_same_angles() -> None:
     # Specific force is mirrored as vectors are, a rate as turns are.
     images = [imufast.Imu(-imu.gyr * flip, imu.acc * flip, rate_hz=50.0, name=imu.name) for imu in (s.imu1, s.imu2)]
     found = []
-    for side, pair, mirror in (("right", (s.imu1, s.imu2), 1.0), ("left", images, flip)):
-        calibration = imufast.calibrate_joint(*pair)
+    for side, (imu1, imu2), mirror in (("right", (s.imu1, s.imu2), np.ones(3)), ("left", images, flip)):
+        calibration = imufast.calibrate_joint(imu1, imu2)
         # A knee flexes by the right hand about the axis to the left, which a mirror turns round like any axis of a turn.
         true = [-(mirror * axis) if side == "left" else axis for axis in (s.axis1, s.axis2)]
         axis = calibration.axis.oriented(towards1=true[0])  # type: ignore[union-attr]
         long = np.cross(s.axis1, [0.3, 0.5, 0.2]), np.cross(s.axis2, [0.1, 0.2, 0.9])
-        frames = [
+        frame1, frame2 = (
             imufast.segment_frame(side, flexion_axis=axis, sensor=sensor, joint="knee", proximal=mirror * long[sensor - 1])
             for sensor in (1, 2)
-        ]
-        found.append(joint_angles_deg(imufast.track(*pair, calibration), *frames))
+        )
+        found.append(joint_angles_deg(imufast.track(imu1, imu2, calibration), frame1, frame2))
     # Both recordings are searched on their own: the answers agree as far as the search converges.
     np.testing.assert_allclose(found[0], found[1], atol=0.1)
 
@@ -110,15 +111,15 @@ SIGNS = [
 
 @pytest.mark.parametrize(("joint", "side", "turn", "clinical"), SIGNS)
 def test_signs_are_those_of_the_table(joint: str, side: str, turn: str, clinical: tuple[float, ...]) -> None:
-    frames = [frame_of(mount, side, joint) for mount in (MOUNT1, MOUNT2)]
+    frames = frame_of(MOUNT1, side, joint), frame_of(MOUNT2, side, joint)
     rel = tracked(one(turn, 10.0))
     found = joint_angles(rel, *frames)
-    np.testing.assert_allclose(found.angles_deg, [clinical] * 5, atol=1e-9)
+    np.testing.assert_allclose(found.angles_deg, np.tile(np.array(clinical), (5, 1)), atol=1e-9)
     assert (found.side, found.joint, found.signs) == (side, joint, "clinical")
-    consistent = {"Z": (clinical[0], 0, 0), "X": (0, -10, 0), "Y": (0, 0, 10)}[turn]
-    np.testing.assert_allclose(joint_angles_deg(rel, *frames, signs="consistent"), [consistent] * 5, atol=1e-9)
-    raw = {"Z": (10, 0, 0), "X": (0, 10, 0), "Y": (0, 0, 10)}[turn]
-    np.testing.assert_allclose(joint_angles_deg(rel, *frames, convention="McGrath"), [raw] * 5, atol=1e-9)
+    consistent = np.tile(np.array({"Z": (clinical[0], 0, 0), "X": (0, -10, 0), "Y": (0, 0, 10)}[turn]), (5, 1))
+    np.testing.assert_allclose(joint_angles_deg(rel, *frames, signs="consistent"), consistent, atol=1e-9)
+    raw = np.tile(np.array({"Z": (10, 0, 0), "X": (0, 10, 0), "Y": (0, 0, 10)}[turn]), (5, 1))
+    np.testing.assert_allclose(joint_angles_deg(rel, *frames, convention="McGrath"), raw, atol=1e-9)
 
 
 def test_signs_mean_what_the_body_does() -> None:
@@ -127,8 +128,8 @@ def test_signs_mean_what_the_body_does() -> None:
     def distal(joint: str, angles: tuple[float, float, float], v: tuple[float, float, float]) -> Array:
         raw = np.array(angles) * {"knee": [-1, 1, 1], "hip": [1, 1, 1], "ankle": [1, 1, 1]}[joint]
         segments = Rotation.from_euler("ZXY", [raw], degrees=True)
-        frames = [frame_of(mount, "right", joint) for mount in (MOUNT1, MOUNT2)]
-        np.testing.assert_allclose(joint_angles_deg(tracked(segments), *frames), [angles], atol=1e-9)
+        frames = frame_of(MOUNT1, "right", joint), frame_of(MOUNT2, "right", joint)
+        np.testing.assert_allclose(joint_angles_deg(tracked(segments), *frames), np.array([angles]), atol=1e-9)
         return np.asarray(segments.apply(v)[0])
 
     down, ahead = (0.0, -1.0, 0.0), (1.0, 0.0, 0.0)
@@ -177,7 +178,7 @@ def test_the_band_is_the_spread_of_what_errs() -> None:
     rng = np.random.default_rng(8)
     std1, std2, std = np.radians([3.0, 1.0, 2.0]), np.radians([1.0, 2.0, 4.0]), np.radians([2.0, 1.0, 1.5])
     segments = motion(1, 20)
-    frames = [frame_of(m, "right", "knee", np.diag(s**2)) for m, s in ((MOUNT1, std1), (MOUNT2, std2))]
+    frames = frame_of(MOUNT1, "right", "knee", np.diag(std1**2)), frame_of(MOUNT2, "right", "knee", np.diag(std2**2))
     found = joint_angles(tracked(segments, covariance=np.diag(std**2)), *frames)
     draws = []
     for _ in range(3000):
@@ -232,15 +233,15 @@ def test_a_side_may_come_from_one_frame_and_none_is_needed_by_one_hand() -> None
     rel = tracked(motion())
     trunk, thigh = frame_of(MOUNT1, None, None), frame_of(MOUNT2, "left", "hip")
     assert joint_angles(rel, trunk, thigh).side == "left"
-    nobody = [frame_of(mount, None, None) for mount in (MOUNT1, MOUNT2)]
+    nobody = frame_of(MOUNT1, None, None), frame_of(MOUNT2, None, None)
     assert joint_angles(rel, *nobody, joint="hip", signs="consistent").side is None
     assert joint_angles(rel, *nobody, convention="McGrath").joint is None
 
 
 def test_wrong_input_is_refused_by_name() -> None:
     rel = tracked(motion())
-    nobody = [frame_of(mount, None, None) for mount in (MOUNT1, MOUNT2)]
-    for call, said in (
+    nobody = frame_of(MOUNT1, None, None), frame_of(MOUNT2, None, None)
+    cases: tuple[tuple[Callable[[], object], str], ...] = (
         (lambda: joint_angles(rel, LEFT[0], RIGHT[1]), "side: 'left' and 'right' contradict each other"),
         (lambda: joint_angles(rel, *LEFT, joint="hip"), "joint: 'hip' and 'knee' contradict each other"),
         (lambda: joint_angles(rel, *nobody), "joint is not told, so which way is flexion is not known: give joint"),
@@ -251,7 +252,8 @@ def test_wrong_input_is_refused_by_name() -> None:
         (lambda: joint_angles(rel, LEFT[0], np.eye(3)), "frame2 must be a SegmentFrame"),  # type: ignore[arg-type]
         (lambda: joint_angles(np.eye(3), *LEFT), "rel must be a RelativeOrientation"),  # type: ignore[arg-type]
         (lambda: joint_angles(rel, *LEFT, soft_tissue_std_deg=-1.0), "soft_tissue_std_deg must be a number"),
-    ):
+    )
+    for call, said in cases:
         with pytest.raises(InputError) as refused:
             call()
         assert said in str(refused.value), refused.value

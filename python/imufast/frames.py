@@ -45,6 +45,8 @@ class SegmentFrame:
         side: "left", "right", or None for a segment of the midline.
         joint: "knee", "hip" or "ankle", where a flexion axis has told it; else None.
         covariance: (3, 3) of the error as a small rotation, in the segment's ISB axes, rad².
+        by_axis: (3, 3) small rotation, likewise, for a small error of the flexion axis that it was made from, a vector in the
+            sensor's frame; None where it was made otherwise.
     """
 
     anterior: Array
@@ -53,6 +55,7 @@ class SegmentFrame:
     side: str | None = None
     joint: str | None = None
     covariance: Array = field(default_factory=lambda: np.zeros((3, 3)), repr=False)
+    by_axis: Array | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         axes = np.array([_vector(name, getattr(self, name)) for name in DIRECTIONS])
@@ -66,7 +69,10 @@ class SegmentFrame:
         if self.joint is not None:
             check_joint(self.joint)
         covariance = _numbers("covariance", self.covariance, (3, 3))
-        for name, value in (*zip(DIRECTIONS, axes, strict=True), ("covariance", covariance)):
+        checked = [*zip(DIRECTIONS, axes, strict=True), ("covariance", covariance)]
+        if self.by_axis is not None:
+            checked.append(("by_axis", _numbers("by_axis", self.by_axis, (3, 3))))
+        for name, value in checked:
             value.flags.writeable = False
             object.__setattr__(self, name, value)
 
@@ -166,7 +172,7 @@ def segment_frame(
             vector, default = _unit(name, {"anterior": anterior, "proximal": proximal, "right": right}[name]), 0.0
         std = default if given_std is None else given_std
         made[direction] = vector, math.radians(std) ** 2 * (np.eye(3) - np.outer(vector, vector))
-    return _build(made, kept, side, joint)
+    return _build(made, kept, side, joint, sources.get("right") == "flexion_axis")
 
 
 def check_joint(joint: object) -> None:
@@ -274,7 +280,7 @@ def _from_standing(imu: object) -> Array:
     return _unit("standing", force)
 
 
-def _build(made: dict[str, tuple[Array, Array]], kept: str, side: str | None, joint: str | None) -> SegmentFrame:
+def _build(made: dict[str, tuple[Array, Array]], kept: str, side: str | None, joint: str | None, by_axis: bool) -> SegmentFrame:
     """The frame of two directions, and the covariance of its error from theirs."""
     (other,) = (name for name in made if name != kept)
     (first, first_cov), (second, second_cov) = made[kept], made[other]
@@ -298,7 +304,9 @@ def _build(made: dict[str, tuple[Array, Array]], kept: str, side: str | None, jo
     change = _derivative(lambda x: axes(first + x[:3], second + x[3:]), found)
     errors = np.zeros((6, 6))
     errors[:3, :3], errors[3:, 3:] = first_cov, second_cov
-    return SegmentFrame(found[0], found[1], found[2], side, joint, change @ errors @ change.T)
+    right = change[:, :3] if kept == "right" else change[:, 3:]
+    covariance = change @ errors @ change.T
+    return SegmentFrame(found[0], found[1], found[2], side, joint, covariance, right if by_axis else None)
 
 
 def _derivative(axes: Callable[[Array], Array], found: Array) -> Array:

@@ -79,7 +79,7 @@ def hinge_angle(
     turn, gradient, rest = hinge_turn(rel.q_12, axis.axis1, axis.axis2)
     covariance = orientation_covariance(rel)
     tissue, off_axis = off_axis_covariance(rel, axis, turn, rest)
-    along = float(axis.axis2 @ tissue @ axis.axis2)
+    along = max(float(axis.axis2 @ tissue @ axis.axis2), 0.0)
     if soft_tissue_std_deg is not None:
         along = np.radians(check_degrees("soft_tissue_std_deg", soft_tissue_std_deg, 0.0, 180.0)) ** 2
 

@@ -83,11 +83,11 @@ def joint_angles(
     # Gradients for small turns of segment 2 in its own frame, of sensor 2 in its, and of segment 1 in its own.
     by_sensor2 = np.einsum("nki,ji->nkj", per_turn, frame2.matrix)
     by_frame1 = np.einsum("nki,nji->nkj", per_turn, between)
-    tissue, off_axis, told = _tissue(rel, soft_tissue_std_deg)
+    tissue, tilt, off_axis, told = _tissue(rel, soft_tissue_std_deg)
     none = np.zeros((1, 3))
     parts = {
         "orientation": quadratic(by_sensor2, orientation_covariance(rel)),
-        "axis": quadratic(per_turn, frame2.covariance) + quadratic(by_frame1, frame1.covariance),
+        "axis": quadratic(per_turn, _tilted(frame2, tilt)) + quadratic(by_frame1, _tilted(frame1, tilt)),
         "zero": none,
         "soft_tissue": quadratic(by_sensor2, tissue),
     }
@@ -176,16 +176,29 @@ def _turns(convention: str, signs: str, side: str | None, joint: str | None) -> 
     return np.array([JOINTS[joint], mirrored, mirrored]), NAMES[joint]
 
 
-def _tissue(rel: RelativeOrientation, std_deg: float | None) -> tuple[Array, float | None, tuple[str, ...]]:
-    """(3, 3) of soft tissue in sensor frame 2, rad²; the rms off the hinge axis, degrees; what there is to know."""
+def _tilted(frame: SegmentFrame, variance: float) -> Array:
+    """(3, 3) of the error of a frame whose functional flexion axis is tilted against the anatomical one, rad²."""
+    if frame.by_axis is None:
+        return frame.covariance
+    tilted: Array = frame.covariance + variance * frame.by_axis @ frame.by_axis.T
+    return tilted
+
+
+def _tissue(rel: RelativeOrientation, std_deg: float | None) -> tuple[Array, float, float | None, tuple[str, ...]]:
+    """(3, 3) of soft tissue in sensor frame 2, rad²; the variance by which it tilts either sensor's functional axis against the
+    anatomical one, per direction, rad²; the rms off the hinge axis, degrees; what there is to know."""
     axis = rel.calibration.axis
-    off_axis, tissue = None, np.zeros((3, 3))
+    off_axis, tissue, tilt = None, np.zeros((3, 3)), 0.0
     told: tuple[str, ...] = ()
     if axis is not None:
         turn, _, rest = hinge_turn(rel.q_12, axis.axis1, axis.axis2)
         tissue, off_axis = off_axis_covariance(rel, axis, turn, rest)
+        # What soft tissue does in step with flexion cannot be told from flexion: it tilts the axis about which the sensors
+        # turn. It is taken to be as much as what it does out of step, which is seen; half of it on either segment.
+        across = np.trace(tissue) - axis.axis2 @ tissue @ axis.axis2
+        tilt = min(0.25 * float(across) / max(float(turn.var()), 1e-6), 1.0)
     elif std_deg is None:
         told = ("nothing shows how far soft tissue moves, for there is no hinge axis: the standard deviation leaves it out",)
     if std_deg is not None:
-        tissue = np.radians(check_degrees("soft_tissue_std_deg", std_deg, 0.0, 180.0)) ** 2 * np.eye(3)
-    return tissue, off_axis, told
+        tissue, tilt = np.radians(check_degrees("soft_tissue_std_deg", std_deg, 0.0, 180.0)) ** 2 * np.eye(3), 0.0
+    return tissue, tilt, off_axis, told

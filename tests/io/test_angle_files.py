@@ -44,7 +44,7 @@ def three(rel: imufast.RelativeOrientation) -> imufast.JointAngles:
         )
         for sensor, vector in ((1, axis.axis1), (2, axis.axis2))
     ]
-    return imufast.joint_angles(rel, *frames)
+    return imufast.joint_angles(rel, frames[0], frames[1])
 
 
 def storage(path: Path) -> tuple[list[str], list[str], Array]:

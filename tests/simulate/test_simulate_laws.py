@@ -21,6 +21,7 @@ CASES: list[dict[str, Any]] = [
     {"motion": "sit_to_stand"},
     {"motion": "walking", "soft_tissue": SoftTissue()},
     {"motion": 14, "soft_tissue": SoftTissue(segment2=1.0)},
+    {"motion": "walking", "soft_tissue": SoftTissue(tilt_rad=0.05)},
     {"motion": 7, "dof": 2},
     {"motion": "mixed", "dof": 3, "soft_tissue": SoftTissue()},
 ]

@@ -57,6 +57,7 @@ MOTION_CHANGES: dict[str, Any] = {
 TISSUE_CHANGES = {
     "shift_rad": 0.02,
     "drag_rad": 0.02,
+    "tilt_rad": 0.02,
     "wobble_rad_s": 3.0,
     "wobble_hz": 11.0,
     "drive_rad_s": 4.0,

@@ -18,7 +18,7 @@ class SoftTissue:
     """Motion of the sensors against their bones, as small turns of a shell that carries the sensor about the joint centre.
 
     The shell is a rigid body with exact rate and acceleration, so gyr and acc stay consistent with each other and the sensor's
-    place, seen from the shell, stays what it was; it is the hinge that no longer holds between the sensors. Three parts, each
+    place, seen from the shell, stays what it was; it is the hinge that no longer holds between the sensors. Four parts, each
     a smooth function of the bones' motion:
 
     - *shift*: skin slides as the joint bends. A turn about the limb's long axis (x), proportional to the hinge angle.
@@ -27,16 +27,19 @@ class SoftTissue:
     - *wobble*: the strap rings. An oscillation about the long axis that the same rate calls up and that dies with it. This is a
       description, not a spring: its size follows the rate at once.
 
+    - *tilt*: the same about the hinge axis itself, where no constraint of a hinge feels it: the joint angle alone is off.
+
     With the defaults the rms of ‖ω1×j1‖ - ‖ω2×j2‖ below 4 Hz is about a tenth of the rms relative rate about the axis in
     walking and in sit-to-stand; on human knees it is 0.08 to 0.22.
 
     Attributes:
         shift_rad: turn per radian of hinge angle, rad; default 0.08, about 5 degrees in a stride.
         drag_rad: largest turn across the limb, rad; default 0.07 (4 degrees).
+        tilt_rad: largest turn about the hinge axis, rad; default 0.
         wobble_rad_s: largest rate of the wobble, rad/s; default 6 (thigh straps ring with several rad/s in walking).
         wobble_hz: frequency of the wobble on segment 1, Hz; default 9. On segment 2 it is 1.2 times as high.
         drive_rad_s: angular rate at which drag and wobble reach 76 % (tanh 1) of their size, rad/s; default 2.
-        segment2: size of all three on segment 2 against segment 1; default 0.6, a shank carries less tissue than a thigh.
+        segment2: size of all of it on segment 2 against segment 1; default 0.6, a shank carries less tissue than a thigh.
 
     Raises:
         SettingsError: a value out of range; the message names it.
@@ -48,9 +51,10 @@ class SoftTissue:
     wobble_hz: float = 9.0
     drive_rad_s: float = 2.0
     segment2: float = 0.6
+    tilt_rad: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("shift_rad", "drag_rad", "wobble_rad_s", "segment2"):
+        for name in ("shift_rad", "drag_rad", "tilt_rad", "wobble_rad_s", "segment2"):
             number(name, getattr(self, name), least=0.0)
         for name in ("wobble_hz", "drive_rad_s"):
             number(name, getattr(self, name), above=0.0)
@@ -72,4 +76,6 @@ class SoftTissue:
         wobble = self.wobble_rad_s / (2.0 * np.pi * frequency) * swinging * drive
         along = Turning.about([1.0, 0.0, 0.0], size * (self.shift_rad * hinge + wobble))
         across = Turning.about([0.0, 0.0, 1.0], size * self.drag_rad * drive)
-        return along.then(across)
+        if not self.tilt_rad:
+            return along.then(across)
+        return along.then(across).then(Turning.about([0.0, 1.0, 0.0], size * self.tilt_rad * drive))
