@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import TYPE_CHECKING
 
@@ -126,14 +126,18 @@ class JointAngles:
 
 
 def check_rel(rel: object) -> RelativeOrientation:
-    """The relative orientation, or a refusal by name."""
+    """The relative orientation, without what overflowed; or a refusal by name."""
     if not isinstance(rel, RelativeOrientation):
         raise InputError(f"rel must be a RelativeOrientation, what track gave, got {type(rel).__name__}")
     if not len(rel):
         raise InputError("rel holds no samples")
-    if not np.isfinite(rel.q_12).all() or np.abs(np.linalg.norm(rel.q_12, axis=1) - 1.0).max() > 1e-3:
-        raise InputError("rel.q_12 must be unit quaternions, and some are not")
-    return rel
+    broken = ~(np.abs(np.linalg.norm(rel.q_12, axis=1) - 1.0) < 1e-3)
+    if not broken.any():
+        return rel
+    # Where the numbers overflowed nothing is known.
+    q = np.where(broken[:, None], [1.0, 0.0, 0.0, 0.0], rel.q_12)
+    status = TrackStatus.NUMERICAL_ERROR
+    return replace(rel, q_12=q, angle_std_deg=np.where(broken, MOST_STD_DEG, rel.angle_std_deg), covariance=None, status=status)
 
 
 def orientation_covariance(rel: RelativeOrientation) -> Array:

@@ -72,7 +72,7 @@ def hinge_angle(
         InputError: an argument of the wrong kind, an interval without samples, or a way of telling flexion that does not tell
             it.
     """
-    check_rel(rel)
+    rel = check_rel(rel)
     check_axis(axis)
     check_degrees("zero_deg", zero_deg, -360.0, 360.0)
     check_degrees("zero_std_deg", zero_std_deg, 0.0, 180.0)
@@ -129,7 +129,7 @@ def hinge_angle_deg(rel: RelativeOrientation, axis: JointAxis, **keywords: Any) 
 
 def flexion_axis(rel: RelativeOrientation, axis: JointAxis, *, zero: Zero = "mean", flexion: Flexion = None) -> JointAxis:
     """The axis, turned so that flexion is positive; arguments and exceptions as of `hinge_angle`."""
-    check_rel(rel)
+    rel = check_rel(rel)
     check_axis(axis)
     turn = hinge_turn(rel.q_12, axis.axis1, axis.axis2)[0]
     offset = _zero(zero, rel, axis, turn, np.zeros((len(rel), 1)))[1]

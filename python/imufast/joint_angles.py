@@ -64,7 +64,7 @@ def joint_angles(
     Raises:
         InputError: an argument of the wrong kind, frames of different sides or joints, or a side or joint that nobody told.
     """
-    check_rel(rel)
+    rel = check_rel(rel)
     for name, frame in (("frame1", frame1), ("frame2", frame2)):
         if not isinstance(frame, SegmentFrame):
             raise InputError(f"{name} must be a SegmentFrame, what segment_frame makes, got {type(frame).__name__}")

@@ -6,6 +6,7 @@ import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -39,9 +40,9 @@ def save_figure(angles: JointAngles, path: str | os.PathLike[str], suffix: str, 
     clock = Clock(float(angles.time_s[0]), float(angles.time_s[-1]))
     figure = angle_figure(angles_plain(angles, MOST_POINTS), clock, title)
     figure.set_facecolor("white")
-    # Without a date the same angles give the same bytes.
+    # Without a date, and with ids that no chance chooses, the same angles give the same bytes.
     about = {"Date": None} if suffix == ".svg" else {"Software": "imufast"}
-    with replacing(path) as file:
+    with replacing(path) as file, rc_context({"svg.hashsalt": "imufast"}):
         figure.savefig(file, format=suffix[1:], dpi=DPI, metadata=about)
 
 
