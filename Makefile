@@ -28,7 +28,7 @@ $(BIN)/maturin: pyproject.toml
 
 # ...and OpenSim, which reads the files that imufast writes for it; where it has no wheel its tests skip, and say so.
 .venv/.opensim: .venv/.built
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary :all: "opensim>=4.6" \
+	VIRTUAL_ENV="$(CURDIR)/.venv" PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/maturin develop --quiet --release --extras opensim \
 		|| echo "opensim cannot be installed for this Python: its tests will skip"
 	@touch $@
 
@@ -52,6 +52,7 @@ bench: .venv/.bench
 	$(BIN)/python benches/stream.py
 	$(BIN)/python benches/center.py
 	$(BIN)/python benches/orientation.py
+	$(BIN)/python benches/angles.py
 	$(BIN)/python benches/papers/olsson2017/run.py
 	$(BIN)/python benches/papers/olsson2020/run.py
 	$(BIN)/python benches/papers/remmerswaal2021/run.py

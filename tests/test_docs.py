@@ -33,6 +33,24 @@ def test_python_in_documents_runs(path: Path, tmp_path: Path, monkeypatch: pytes
         exec(compile("\n" * line + block[1], str(path), "exec"), names)  # noqa: S102
 
 
+def test_the_commands_of_the_tutorial_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("matplotlib")
+    app = pytest.importorskip("imufast.cli.app").app
+    from click.testing import CliRunner
+
+    monkeypatch.chdir(tmp_path)
+    text = (ROOT / "docs" / "tutorial-knee.md").read_text(encoding="utf-8")
+    first = re.search(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    assert first is not None
+    exec(compile(first[1], "tutorial-knee.md", "exec"), {})  # noqa: S102
+    commands = re.findall(r"^imufast (.+)$", text, re.MULTILINE)
+    assert len(commands) == 2
+    for command in commands:
+        done = CliRunner().invoke(app, command.split())
+        assert done.exit_code == 0, done.output
+    assert {"knee.mot", "knee.png", "knee.html", "three.sto"} <= {file.name for file in tmp_path.iterdir()}
+
+
 @pytest.mark.parametrize("path", DOCUMENTS, ids=IDS)
 def test_links_lead_somewhere(path: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)\)", path.read_text(encoding="utf-8")):

@@ -181,12 +181,12 @@ def test_the_band_is_the_spread_of_what_errs() -> None:
     frames = frame_of(MOUNT1, "right", "knee", np.diag(std1**2)), frame_of(MOUNT2, "right", "knee", np.diag(std2**2))
     found = joint_angles(tracked(segments, covariance=np.diag(std**2)), *frames)
     draws = []
-    for _ in range(3000):
+    for _ in range(1200):
         off1, off2, off = (Rotation.from_rotvec(s * rng.standard_normal(3)) for s in (std1, std2, std))
         rel = orientation(MOUNT1 * segments * MOUNT2.inv() * off)
         draws.append(joint_angles_deg(rel, frame_of(MOUNT1 * off1, "right"), frame_of(MOUNT2 * off2, "right")))
-    # 3000 draws tell a standard deviation to 1.3 %; errors of 4 degrees are not quite small.
-    np.testing.assert_allclose(np.std(draws, axis=0), found.std_deg, rtol=0.06)
+    # 1200 draws tell a standard deviation to 2 %; errors of 4 degrees are not quite small.
+    np.testing.assert_allclose(np.std(draws, axis=0), found.std_deg, rtol=0.09)
 
 
 def test_soft_tissue_is_what_leaves_the_hinge_axis_or_as_told() -> None:
