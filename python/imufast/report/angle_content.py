@@ -79,6 +79,7 @@ def angles_plain(angles: JointAngles, most: int | None) -> dict[str, Any]:
         "names": list(angles.names),
         "titles": [name_words(name) for name in angles.names],
         "status": angles.status,
+        "status_name": angles.status.value.lower().replace("_", " "),
         "headline": angle_headline(angles),
         "band": band_words(angles),
         "known": known_words(angles),

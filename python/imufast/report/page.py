@@ -98,13 +98,16 @@ def _orientation_page(report: dict[str, Any], template: jinja2.Template) -> str:
         for i in (1, 2)
     ]
     tones = {"TRACKED": "good", "NUMERICAL_ERROR": "bad"}
+    tone = tones.get(report["status"], "open")
+    if tone == "good" and report["angles"] and report["angles"]["status"] != "FOUND":
+        tone = "open"
     return template.render(
         report=report,
         sensors=sensors,
         angle_picture=angle_picture(report["angles"], clock_of(report)) if report["angles"] else "",
         timeline=orientation_timeline(report) or "",
         histogram=histogram_picture(report) or "",
-        tone=tones.get(report["status"], "open"),
+        tone=tone,
         unknown_deg=UNKNOWN_DEG,
     )
 
