@@ -259,6 +259,35 @@ def test_wrong_input_is_refused_by_name() -> None:
         assert said in str(refused.value), refused.value
 
 
+def test_an_angle_that_is_hardly_known_is_told() -> None:
+    covariance = np.radians(30.0) ** 2 * np.outer(RIGHT[1].proximal, RIGHT[1].proximal)
+    segments = Rotation.from_euler("ZXY", np.zeros((20, 3)))
+    found = joint_angles(tracked(segments, covariance=covariance), *RIGHT, soft_tissue_std_deg=0.0)
+    assert found.std_deg[0] == pytest.approx([0.0, 0.0, 30.0], abs=1e-6)
+    assert found.why == ("less certain than 20° most of the time: internal rotation",)
+
+
+def test_a_tilted_functional_axis_widens_the_angles_that_rest_on_it() -> None:
+    turn = np.radians(30.0 + 30.0 * np.sin(np.linspace(0.0, 20.0, 400)))
+    slide = np.radians(np.random.default_rng(0).normal(0.0, 5.0, 400))
+    segments = Rotation.from_euler("Z", -turn[:, None]) * Rotation.from_euler("Y", slide[:, None])
+    axis = imufast.JointAxis(-RIGHT[0].right, -RIGHT[1].right)
+    rel = tracked(segments, calibration=imufast.JointCalibration(axis=axis))
+    functional = [
+        imufast.segment_frame("right", flexion_axis=axis, sensor=k, joint="knee", proximal=frame.proximal)
+        for k, frame in enumerate(RIGHT, 1)
+    ]
+    found = joint_angles(rel, functional[0], functional[1])
+    # 5 degrees off the axis in one of two directions, over 21 degrees of flexion, half of it on either segment.
+    tilt = np.degrees(np.sqrt(0.25 * (5.0 / float(np.degrees(turn).std())) ** 2))
+    assert functional[0].by_axis is not None
+    straight = int(turn.argmin())
+    assert found.parts.axis[0] == pytest.approx(0.0, abs=0.5)
+    assert found.std_deg[straight, 2] == pytest.approx(np.sqrt(2.0 * tilt**2 + 5.0**2), rel=0.05)
+    # Frames that were given otherwise do not rest on it.
+    assert not joint_angles(rel, *RIGHT).parts.axis.any()
+
+
 def test_a_lost_orientation_is_told() -> None:
     lost = replace(tracked(motion()), status=imufast.TrackStatus.NOT_OBSERVABLE)
     assert joint_angles(lost, *LEFT).status is imufast.AngleStatus.NOT_OBSERVABLE

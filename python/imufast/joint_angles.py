@@ -12,7 +12,7 @@ from imufast.errors import InputError
 from imufast.frames import JOINTS, SegmentFrame, check_joint
 from imufast.hinge_angle import check_degrees, hinge_turn, off_axis_covariance
 from imufast.quaternion import matrix
-from imufast.track import RelativeOrientation
+from imufast.track import VAGUE_DEG, RelativeOrientation
 
 __all__ = ["CONVENTIONS", "SIGNS", "joint_angles", "joint_angles_deg"]
 
@@ -92,9 +92,12 @@ def joint_angles(
         "soft_tissue": quadratic(by_sensor2, tissue),
     }
     std, made_of = assembled_std(parts, len(rel))
-    lock = np.abs(raw[:, 1]) > np.radians(LOCK_DEG)
     status, why = status_of(rel)
     why += told
+    vague = [name.replace("_", " ") for name, median in zip(names, np.median(std, axis=0), strict=True) if median > VAGUE_DEG]
+    if vague and status is not AngleStatus.NOT_OBSERVABLE:
+        why += (f"less certain than {VAGUE_DEG:g}° most of the time: {', '.join(vague)}",)
+    lock = np.abs(raw[:, 1]) > np.radians(LOCK_DEG)
     if lock.any():
         share = 100.0 * float(lock.mean())
         why += (f"gimbal lock for {share:.2g} % of the samples: the middle angle is near 90°",)
