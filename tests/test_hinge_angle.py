@@ -40,7 +40,7 @@ def test_turning_a_sensor_on_its_segment_changes_nothing(zero: str) -> None:
     rotations, axis = hinge(TURN)
     rotations = rotations * LEANING
     on1, on2 = Rotation.random(2, random_state=9)
-    turned = JointAxis(on1.apply(axis.axis1), on2.apply(axis.axis2))
+    turned = JointAxis(on1.apply(np.array(axis.axis1)), on2.apply(np.array(axis.axis2)))
     frames = [
         imufast.segment_frame("left", flexion_axis=a, joint="knee", anterior=b)
         for a, b in ((axis.axis1, (1, 2, 3)), (axis.axis2, (2, 1, 0)))
@@ -226,9 +226,9 @@ def test_what_the_orientation_does_not_know_no_angle_knows() -> None:
     assert found.status is imufast.AngleStatus.NOT_OBSERVABLE
     assert found.why[0] == "still"
     assert (found.std_deg >= 149.0).all()
-    overflown = orientation(rotations)
-    overflown.q_12[100:150] = np.nan
-    broken = hinge_angle(overflown, axis)
+    q = orientation(rotations).q_12.copy()
+    q[100:150] = np.nan
+    broken = hinge_angle(replace(orientation(rotations), q_12=q), axis)
     assert broken.status is imufast.AngleStatus.UNCERTAIN
     assert np.isfinite(broken.angles_deg).all()
     assert (broken.std_deg[100:150] == 180.0).all()

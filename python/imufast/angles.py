@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imufast.errors import InputError
+from imufast.samples import ReadOnly
 from imufast.track import RelativeOrientation, TrackStatus
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ class AngleStatus(str, Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class AngleStd:
+class AngleStd(ReadOnly):
     """What the standard deviation of joint angles is made of: rms over time of each part, (k,) degrees, one an angle.
 
     Attributes:
@@ -59,7 +60,7 @@ class AngleStd:
 
 
 @dataclass(frozen=True, eq=False)
-class JointAngles:
+class JointAngles(ReadOnly):
     """Angles of a joint over time, each with its uncertainty.
 
     Attributes:
@@ -97,10 +98,6 @@ class JointAngles:
     parts: AngleStd = field(repr=False)
     why: tuple[str, ...] = ()
     rotation_signs: Array | None = field(default=None, repr=False)
-
-    def __post_init__(self) -> None:
-        for array in (self.angles_deg, self.std_deg, self.gimbal_lock, *vars(self.parts).values()):
-            array.flags.writeable = False
 
     def __len__(self) -> int:
         return len(self.time_s)

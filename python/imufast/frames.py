@@ -15,6 +15,7 @@ from imufast.deviation import angular_deviation_deg
 from imufast.errors import InputError
 from imufast.imu import Imu
 from imufast.quaternion import from_matrix, matrix
+from imufast.samples import ReadOnly
 
 __all__ = ["JOINTS", "SIDES", "SegmentFrame", "axis_covariance", "segment_frame"]
 
@@ -35,7 +36,7 @@ STILL_RAD_S, STILL_M_S2 = 0.35, 1.5
 
 
 @dataclass(frozen=True, eq=False)
-class SegmentFrame:
+class SegmentFrame(ReadOnly):
     """The anatomical axes of a body segment, seen from the sensor on it. Made by `segment_frame`.
 
     Attributes:
@@ -73,8 +74,8 @@ class SegmentFrame:
         if self.by_axis is not None:
             checked.append(("by_axis", _numbers("by_axis", self.by_axis, (3, 3))))
         for name, value in checked:
-            value.flags.writeable = False
             object.__setattr__(self, name, value)
+        super().__post_init__()
 
     @property
     def matrix(self) -> Array:
