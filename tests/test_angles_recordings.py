@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from imufast.hinge_angle import flexion_axis, hinge_turn
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 
@@ -89,3 +90,21 @@ def test_bands_hold_the_bones_of_simulated_knees() -> None:
             inside.append(float((np.abs(error) <= 2.0 * found.std_deg[:, 0]).mean()))
     assert len(inside) >= 6
     assert min(inside) > 0.9
+
+
+@pytest.mark.parametrize(("method", "rounding_deg"), [("smoother", 1e-6), ("mekf", 1e-5)])
+def test_a_mounting_leaves_the_angle_of_raw_data_as_it_is(shared_data: Path, method: str, rounding_deg: float) -> None:
+    # From raw data to the angle, calibration included: what is left is rounding, which iterations and a filter's gains enlarge.
+    z = np.load(shared_data / "two_imu_joint" / "1D_01.npz")
+    truth = np.array(z["hinge_axis1_reference"])
+    found = []
+    for on1, on2 in ((Rotation.identity(), Rotation.identity()), tuple(Rotation.random(2, random_state=3))):
+        imu1, imu2 = (
+            imufast.Imu(on.apply(z[f"gyr{i}"]), on.apply(z[f"acc{i}"]), rate_hz=50.0) for i, on in ((1, on1), (2, on2))
+        )
+        calibration = imufast.calibrate_joint(imu1, imu2)
+        assert calibration.axis is not None
+        axis = calibration.axis.oriented(towards1=on1.apply(truth))
+        found.append(imufast.hinge_angle(imufast.track(imu1, imu2, calibration, method), axis))
+    np.testing.assert_allclose(found[1].angles_deg, found[0].angles_deg, atol=rounding_deg)
+    np.testing.assert_allclose(found[1].std_deg, found[0].std_deg, atol=rounding_deg)

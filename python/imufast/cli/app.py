@@ -13,28 +13,25 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO, TypeVar
 
 import click
 
-from imufast.angles import JointAngles
 from imufast.calibrate import JOINTS, calibrate_joint
 from imufast.calibration import JointCalibration
 from imufast.cli import angled, show, tracked, truth
 from imufast.cli import result as print_result
 from imufast.cli.angled import AngleOptions, angle_options
+from imufast.cli.outputs import Outputs, check_outputs, write, write_tracked
 from imufast.errors import ImufastError, ImufastWarning, InputError
-from imufast.files import check_target
 from imufast.imu import Imu, Recording
-from imufast.io import format_names, read, write_angles, write_orientation
-from imufast.report import words, write_figure, write_json, write_report
-from imufast.report.page import check_extra
+from imufast.io import format_names, read
+from imufast.report import words
 from imufast.settings import HingeSettings, settings_from
 from imufast.simulate import random_biases, simulate_hinge
 from imufast.sync import TimeOffset, time_offset
-from imufast.track import METHODS, RelativeOrientation
+from imufast.track import METHODS
 from imufast.track import track as track_pair
 
 __all__ = ["app"]
@@ -194,7 +191,7 @@ def calibrate(
         if joint == "ball" and chosen:
             raise InputError(f"{', '.join(chosen)}: set how a hinge's axis is found, which --joint ball leaves out")
         outputs = Outputs(report_path, json_path, save_path)
-        _check_outputs(files, outputs)
+        check_outputs(files, outputs)
         imu1, imu2 = _choose(_read(files, **reading), sensors)
         late = show.offset_warning(_offset(imu1, imu2), imu1.name, imu2.name)
         if late:
@@ -203,7 +200,7 @@ def calibrate(
         with show.waiting(f"Calibrating on {words.duration(imu1.duration_s)} of motion", files):
             result = calibrate_joint(imu1, imu2, joint, hinge_settings=settings)
         print_result.calibration(result, imu1, imu2)
-        _write(result, (imu1, imu2), outputs, None, warned)
+        write(result, (imu1, imu2), outputs, None, warned)
     raise SystemExit(print_result.exit_code(result))
 
 
@@ -256,7 +253,7 @@ def track(
     asked = AngleOptions(**{name: others.pop(name) for name in AngleOptions.__dataclass_fields__})
     with _guard() as warned:
         outputs = Outputs(report_path, json_path, save_path, out_path, asked.figure_path)
-        _check_outputs(files, outputs, calibration_path)
+        check_outputs(files, outputs, calibration_path)
         asked.check(out_path, calibration_path)
         known = None if calibration_path is None else JointCalibration.load(calibration_path)
         imu1, imu2 = _choose(_read(files, **others), sensors)
@@ -275,8 +272,8 @@ def track(
             angles, rel = angled.find(rel, imu1, imu2, asked)
             angled.found(angles)
             code = max(code, angled.exit_code(angles))
-        _write_tracked(rel, angles, asked, outputs)
-        _write(rel, (imu1, imu2), outputs, None, warned, angles)
+        write_tracked(rel, angles, asked, outputs)
+        write(rel, (imu1, imu2), outputs, None, warned, angles)
     raise SystemExit(code)
 
 
@@ -293,7 +290,7 @@ def demo(report_path: Path | None) -> None:
     with _guard() as warned:
         outputs, without = Outputs(report_path or Path(DEMO_REPORT)), None
         try:
-            _check_outputs((), outputs)
+            check_outputs((), outputs)
         except InputError:
             raise
         except ImufastError as missing:
@@ -317,72 +314,7 @@ def demo(report_path: Path | None) -> None:
         if without:
             show.say(f"No report: {without}")
         else:
-            _write(result, simulation.recording.pair(), outputs, "Demo: a simulated hinge", warned)
-
-
-@dataclass(frozen=True)
-class Outputs:
-    """What is to be written, and where."""
-
-    report: Path | None
-    json: Path | None = None
-    save: Path | None = None
-    out: Path | None = None
-    figure: Path | None = None
-
-
-def _check_outputs(files: Sequence[Path], outputs: Outputs, calibration: Path | None = None) -> None:
-    """Refuse outputs that could not be written in the end, before the work begins."""
-    taken = {file.resolve(): f"the recording {str(file)!r}" for file in files}
-    if calibration is not None:
-        taken[calibration.resolve()] = f"the calibration {str(calibration)!r}"
-    for name in ("report", "json", "save", "out", "figure"):
-        path = getattr(outputs, name)
-        if path is None:
-            continue
-        target = check_target(path, f"--{name}")
-        if target in taken:
-            raise InputError(f"--{name} {str(path)!r} would replace {taken[target]}; give another file")
-        taken[target] = f"what --{name} writes"
-    if outputs.report is not None:
-        check_extra()
-
-
-def _write_tracked(rel: RelativeOrientation, angles: JointAngles | None, asked: AngleOptions, outputs: Outputs) -> None:
-    """What `track` writes beside report and numbers."""
-    if outputs.out is not None and angles is not None:
-        write_angles(angles, outputs.out, names=asked.columns())
-        show.say(f"angles: {outputs.out}")
-    elif outputs.out is not None and not asked.angles:
-        names = asked.columns()
-        write_orientation(rel, outputs.out, **({} if names is None else {"names": names}))
-        show.say(f"orientations: {outputs.out}")
-    if outputs.figure is not None and angles is not None:
-        write_figure(angles, outputs.figure)
-        show.say(f"figure: {outputs.figure}")
-    if outputs.save is not None:
-        rel.calibration.save(outputs.save)
-        show.say(f"calibration: {outputs.save}")
-
-
-def _write(
-    result: JointCalibration | RelativeOrientation,
-    pair: tuple[Imu, Imu],
-    outputs: Outputs,
-    title: str | None,
-    warned: Sequence[str],
-    angles: JointAngles | None = None,
-) -> None:
-    if outputs.save is not None and isinstance(result, JointCalibration):
-        result.save(outputs.save)
-        show.say(f"calibration: {outputs.save}")
-    if outputs.json is not None:
-        write_json(result, outputs.json, recording=pair, title=title, warnings=warned, angles=angles)
-        show.say(f"numbers: {outputs.json}")
-    if outputs.report is not None:
-        with show.working("Drawing the report"):
-            write_report(result, outputs.report, recording=pair, title=title, warnings=warned, angles=angles)
-        show.say(f"report: {outputs.report}")
+            write(result, simulation.recording.pair(), outputs, "Demo: a simulated hinge", warned)
 
 
 def _choose(recording: Recording, names: tuple[str, str] | None) -> tuple[Imu, Imu]:
