@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imufast.imu import Imu
+from imufast.quaternion import multiply, rotate
 
 if TYPE_CHECKING:
     from imufast.track import RelativeOrientation
@@ -36,7 +37,7 @@ def residual_plain(rel: RelativeOrientation, imu1: Imu, imu2: Imu) -> dict[str, 
     center1, center2 = (np.zeros(3),) * 2 if known.center is None else (known.center.in_sensor1, known.center.in_sensor2)
     acc1 = joint_acc(imu1, center1, known.gyr_bias1, known.acc_bias1)
     acc2 = joint_acc(imu2, center2, known.gyr_bias2, known.acc_bias2)
-    residual = _averaged(acc1 - rotated(rel.q_12, acc2), imu1)
+    residual = _averaged(acc1 - rotate(rel.q_12, acc2), imu1)
     norm = np.linalg.norm(residual, axis=1)
     good = np.isfinite(norm)
     if good.sum() < 4:
@@ -98,8 +99,8 @@ def heading_plain(rel: RelativeOrientation, imu1: Imu, robust_std: float | None)
     for k in range(steps):
         now = starts + k * stride
         if k:
-            q = _multiply(q, _exp(summed[now] - summed[now - stride]))
-        level[:, k] = rotated(q, acc[now])
+            q = multiply(q, _exp(summed[now] - summed[now - stride]))
+        level[:, k] = rotate(q, acc[now])
     mean = level[:, : blocks * mean_over].reshape(len(starts), blocks, mean_over, 3).mean(axis=2)
     outer = np.einsum("wki,wkj->wij", mean, mean) / blocks
     power = np.linalg.eigvalsh(np.trace(outer, axis1=1, axis2=2)[:, None, None] * np.eye(3) - outer)[:, 0]
@@ -136,13 +137,6 @@ def joint_acc(imu: Imu, center: Array, gyr_bias: Array, acc_bias: Array) -> Arra
     return acc
 
 
-def rotated(q: Array, v: Array) -> Array:
-    """(N, 3) vectors turned by (N, 4) unit quaternions."""
-    w, u = q[:, :1], q[:, 1:]
-    turned: Array = v + 2.0 * np.cross(u, np.cross(u, v) + w * v)
-    return turned
-
-
 def _averaged(values: Array, imu: Imu) -> Array:
     """Moving average over `AVERAGE_S` within each unbroken stretch; NaN where it does not fit."""
     size = max(1, round(AVERAGE_S * imu.rate_hz))
@@ -153,12 +147,6 @@ def _averaged(values: Array, imu: Imu) -> Array:
             middle = start + size // 2
             mean[middle : middle + stop - start - size + 1] = (total[size:] - total[:-size]) / size
     return mean
-
-
-def _multiply(p: Array, q: Array) -> Array:
-    w, v, s, u = p[:, :1], p[:, 1:], q[:, :1], q[:, 1:]
-    scalar = w * s - np.einsum("ij,ij->i", v, u)[:, None]
-    return np.hstack([scalar, w * u + s * v + np.cross(v, u)])
 
 
 def _exp(turn: Array) -> Array:
