@@ -10,7 +10,7 @@ times as long as `map_acc`. `track` is the call from Python; "core" is what it c
 same without times. Times are the least CPU times of several rounds, for the smoother medians of wall times.
 
 One sample moves 96 bytes in (12 numbers; 8 more with times) and 41 out (quaternion, std, status); the complementary filter
-needs about 450 floating-point operations and 4 square roots or divisions, the Kalman filter 1 000 and 7, counted by hand. The
+needs about 530 floating-point operations and 7 square roots or divisions, the Kalman filter 840 and 11, counted by hand. The
 floors are what numpy's own kernels need for as much on this core with all lanes busy; a chain of samples that wait for each
 other stays above.
 
@@ -160,7 +160,7 @@ def speed(real: Real, rounds: int) -> Rows:
     return rows
 
 
-FLOPS = {"complementary": (450, 4), "mekf": (1000, 7)}
+FLOPS = {"complementary": (530, 7), "mekf": (840, 11)}
 """Operations, and square roots or divisions, of one sample."""
 BYTES = 96 + 41
 

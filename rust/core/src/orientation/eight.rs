@@ -155,8 +155,8 @@ pub mod registers {
         };
     }
     macro_rules! registers {
-        ($type:ident, $real:ty, $width:literal, $add:ident, $sub:ident, $mul:ident, $div:ident, $set:ident, $sqrt:ident,
-         $choose:ident, $above:ident, $load:ident, $store:ident) => {
+        ($type:ident, $real:ty, $add:ident, $sub:ident, $mul:ident, $div:ident, $set:ident, $sqrt:ident, $max:ident,
+         $min:ident, $choose:ident, $above:ident) => {
             operator!($type, Add, add, $add);
             operator!($type, Sub, sub, $sub);
             operator!($type, Mul, mul, $mul);
@@ -193,6 +193,22 @@ pub mod registers {
                     no
                 }
                 #[inline(always)]
+                fn at_least(mut self, other: Self) -> Self {
+                    for (a, b) in self.0.iter_mut().zip(other.0) {
+                        // SAFETY: as above. The second where one is no number, as for one number.
+                        *a = unsafe { $max(*a, b) };
+                    }
+                    self
+                }
+                #[inline(always)]
+                fn at_most(mut self, other: Self) -> Self {
+                    for (a, b) in self.0.iter_mut().zip(other.0) {
+                        // SAFETY: as above.
+                        *a = unsafe { $min(b, *a) };
+                    }
+                    self
+                }
+                #[inline(always)]
                 fn any_above(self, limit: Self) -> bool {
                     let mut any = false;
                     for k in 0..self.0.len() {
@@ -202,7 +218,10 @@ pub mod registers {
                     any
                 }
             }
-
+        };
+    }
+    macro_rules! eight {
+        ($type:ident, $real:ty, $width:literal, $load:ident, $store:ident) => {
             impl Eight<$real> for $type {
                 #[inline(always)]
                 fn load(from: &[$real; EIGHT]) -> Self {
@@ -226,46 +245,94 @@ pub mod registers {
     registers!(
         Doubles512,
         f64,
-        8,
         _mm512_add_pd,
         _mm512_sub_pd,
         _mm512_mul_pd,
         _mm512_div_pd,
         _mm512_set1_pd,
         _mm512_sqrt_pd,
+        _mm512_max_pd,
+        _mm512_min_pd,
         choose512,
-        above512,
-        _mm512_loadu_pd,
-        _mm512_storeu_pd
+        above512
     );
     registers!(
         Doubles256,
         f64,
-        4,
         _mm256_add_pd,
         _mm256_sub_pd,
         _mm256_mul_pd,
         _mm256_div_pd,
         _mm256_set1_pd,
         _mm256_sqrt_pd,
+        _mm256_max_pd,
+        _mm256_min_pd,
         choose256,
-        above256,
-        _mm256_loadu_pd,
-        _mm256_storeu_pd
+        above256
     );
     registers!(
         Singles256,
         f32,
-        8,
         _mm256_add_ps,
         _mm256_sub_ps,
         _mm256_mul_ps,
         _mm256_div_ps,
         _mm256_set1_ps,
         _mm256_sqrt_ps,
+        _mm256_max_ps,
+        _mm256_min_ps,
         choose256_singles,
-        above256_singles,
-        _mm256_loadu_ps,
-        _mm256_storeu_ps
+        above256_singles
     );
+    eight!(Doubles512, f64, 8, _mm512_loadu_pd, _mm512_storeu_pd);
+    eight!(Doubles256, f64, 4, _mm256_loadu_pd, _mm256_storeu_pd);
+    eight!(Singles256, f32, 8, _mm256_loadu_ps, _mm256_storeu_ps);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NUMBERS: [f64; EIGHT] = [0.0, -0.0, 1.5, -2.25, 1e300, f64::NAN, f64::INFINITY, 0.1];
+
+    /// All that a lane can do, of both numbers.
+    fn all<L: Lane>(a: L, b: L) -> [L; 9] {
+        [a + b, a - b, a * b, a / b, -a, a.sqrt(), a.at_least(b), a.at_most(b), a.where_above(b, L::splat(3.7), a)]
+    }
+
+    fn lanes_do_what_numbers_do<T: Real, V: Eight<T>>() {
+        let a = NUMBERS.map(T::splat);
+        for turn in 0..EIGHT {
+            let b: [T; EIGHT] = core::array::from_fn(|k| a[(k + turn) % EIGHT]);
+            let wide = all(V::load(&a), V::load(&b)).map(|v| {
+                let mut numbers = [T::default(); EIGHT];
+                v.store(&mut numbers);
+                numbers
+            });
+            for k in 0..EIGHT {
+                for (what, one) in all(a[k], b[k]).into_iter().enumerate() {
+                    // Which NaN it is may differ.
+                    let [x, y] = [wide[what][k], one].map(T::to_f64);
+                    assert!(x.to_bits() == y.to_bits() || (x.is_nan() && y.is_nan()), "{what} of {a:?}, {b:?}: {x} {y}");
+                }
+            }
+            assert_eq!(V::load(&a).any_above(V::load(&b)), a.iter().zip(b).any(|(a, b)| a.any_above(b)));
+        }
+    }
+
+    #[test]
+    fn eight_side_by_side_give_the_bits_of_one() {
+        lanes_do_what_numbers_do::<f64, Array<f64>>();
+        lanes_do_what_numbers_do::<f32, Array<f32>>();
+        #[cfg(all(feature = "std", target_arch = "x86_64"))]
+        {
+            if std::arch::is_x86_feature_detected!("avx2") {
+                lanes_do_what_numbers_do::<f64, registers::Doubles256>();
+                lanes_do_what_numbers_do::<f32, registers::Singles256>();
+            }
+            if std::arch::is_x86_feature_detected!("avx512f") {
+                lanes_do_what_numbers_do::<f64, registers::Doubles512>();
+            }
+        }
+    }
 }

@@ -1,7 +1,8 @@
 //! What must hold whatever the data.
 
 use imufast_core::orientation::{
-    Complementary, Estimate, Filter, Joint, Mekf, Settings, Signals, Status, method::Method, run, run_batch,
+    Complementary, Estimate, Filter, Joint, Mekf, Outliers, Settings, Signals, Status, lane::Real, method::Method, run,
+    run_batch,
 };
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
@@ -76,6 +77,36 @@ fn a_recording_in_a_batch_gives_the_bits_it_gives_alone() {
         run_batch::<f64, _>(Mekf::default(), &[(Settings::default(), Signals { xyz: [&[]; 4], time_s: None })], &mut || false)
             .is_none()
     );
+}
+
+#[test]
+fn a_whole_recording_ends_in_the_bits_of_one_that_came_sample_by_sample() {
+    fn check<T: Real, M: Method + core::fmt::Debug>(method: M, midpoint: bool) {
+        for (seed, rate_hz) in [(20, 50.0), (21, 100.0), (22, 1000.0)] {
+            let joint = BallJoint::new(seed, rate_hz);
+            let mut recording = joint.record(15.0);
+            for k in 0..6 {
+                repeat_rows(&mut recording, 500 + 37 * k, 1 + k, k % 2);
+            }
+            // Times that are even, but for one.
+            recording.time_s.iter_mut().skip(700).for_each(|t| *t += 0.3 / rate_hz);
+            let settings = Settings { midpoint, ..joint.settings() };
+            for signals in [recording.signals(), recording.timed()] {
+                let mut filter = Filter::<T, M>::new(settings, method);
+                for k in 0..signals.len() {
+                    filter.push(signals.time(k, rate_hz), &signals.sample(k));
+                }
+                assert_eq!(run::<T, M>(&settings, method, &signals, &mut || true).map(|r| r.1), Some(filter));
+            }
+        }
+    }
+    check::<f64, _>(Mekf::default(), true);
+    check::<f64, _>(Mekf { outliers: Outliers::Reject, limit: 7.81, adapt: false }, false);
+    check::<f64, _>(Complementary::default(), true);
+    check::<f64, _>(Complementary { bias_gain: 0.01, beta_extra: 1.0, ..Complementary::default() }, true);
+    check::<f64, _>(Complementary { literal: true, soft_angle: 0.0, heading_gain: 1.0, ..Complementary::default() }, false);
+    check::<f32, _>(Mekf::default(), true);
+    check::<f32, _>(Complementary::default(), true);
 }
 
 /// Rows of sensor 0 or 1 after `at` become copies of it.
