@@ -32,6 +32,7 @@ from imufast import (
 )
 from numpy.typing import NDArray
 from reference.compare import angle_deg
+from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 pytestmark = pytest.mark.filterwarnings("ignore::imufast.ImufastWarning")
@@ -417,3 +418,29 @@ def test_no_array_of_a_result_can_be_written_to_and_the_callers_own_stay_as_they
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
     mine[0] = 0.5
+
+
+def test_motion_shows_the_biases_where_there_is_no_rest() -> None:
+    off, stated = [], []
+    for seed in range(6):
+        biases = np.random.default_rng(seed).normal(0.0, 0.0087, (2, 3))
+        sim = simulate_ball_joint(seed=seed, duration_s=40.0, gyr_bias1=biases[0], gyr_bias2=biases[1])
+        found = calibrate_joint(sim.imu1, sim.imu2)
+        assert found.relative_gyr_bias_std is not None
+        assert found.relative_gyr_bias_std < np.sqrt(2.0) * found.gyr_bias_std < 0.004
+        turn = Rotation.from_quat(sim.q_12[:, [1, 2, 3, 0]])
+        first = turn.inv().apply(found.gyr_bias1 - sim.gyr_bias1)
+        off.append(np.mean((first - (found.gyr_bias2 - sim.gyr_bias2)) ** 2))
+        stated.append(found.relative_gyr_bias_std**2)
+    assert 0.4 < np.mean(off) / np.mean(stated) < 2.5
+
+
+@pytest.mark.parametrize("loss", [0.1, 0.2])
+def test_lost_packets_do_not_cost_the_centre(loss: float) -> None:
+    # Hardly a second is left in one piece: the low-pass has nothing to work on.
+    sim = simulate_ball_joint(seed=4, duration_s=30.0, packet_loss=loss, burst_length=4.0)
+    found = calibrate_joint(sim.imu1, sim.imu2)
+    assert found.center is not None
+    np.testing.assert_allclose(found.center.in_sensor1, sim.joint_in_sensor1, atol=0.003)
+    np.testing.assert_allclose(found.center.in_sensor2, sim.joint_in_sensor2, atol=0.003)
+    assert not found.accepted

@@ -45,6 +45,7 @@ def by_hand() -> JointCalibration:
         acc_bias2=np.array([0.0, 0.1, 0.0]),
         acc_bias_covariance=np.eye(6) * 0.01,
         gyr_bias_std=0.001,
+        relative_gyr_bias_std=0.0004,
         noise=SensorNoise(0.001, 0.002, 0.01, 0.02, 100.0),
         rate_ratio=0.01,
         why=("because ⊥",),
@@ -66,6 +67,7 @@ def test_what_is_saved_comes_back(tmp_path: Path, make: Any) -> None:
     assert loaded.accepted is calibration.accepted
     assert (loaded.noise, loaded.rate_ratio, loaded.why) == (calibration.noise, calibration.rate_ratio, calibration.why)
     assert loaded.gyr_bias_std == calibration.gyr_bias_std
+    assert loaded.relative_gyr_bias_std == calibration.relative_gyr_bias_std
     for name in ("gyr_bias1", "gyr_bias2", "acc_bias1", "acc_bias2", "acc_bias_covariance"):
         np.testing.assert_array_equal(getattr(loaded, name), getattr(calibration, name))
     for part in ("axis", "center"):
@@ -172,7 +174,7 @@ def test_names_that_it_does_not_know_are_passed_over(tmp_path: Path) -> None:
     same(load(tmp_path, plain() | {"later": 1}), by_hand())
 
 
-@pytest.mark.parametrize("name", sorted(set(by_hand()._plain()) - {"rate_ratio"}))
+@pytest.mark.parametrize("name", sorted(set(by_hand()._plain()) - {"rate_ratio", "relative_gyr_bias_std_rad_s"}))
 def test_missing_names_are_refused(tmp_path: Path, name: str) -> None:
     content = plain()
     del content[name]

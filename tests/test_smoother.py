@@ -68,6 +68,7 @@ CHANGES: dict[str, tuple[Any, bool]] = {
     "gyr_bias_rest_std": (None, False),
     "lever_change_std": (0.2, True),
     "acc_bias_change_std": (1.0, True),
+    "gyr_bias_change_std": (0.02, True),
     "max_iterations": (1, False),
 }
 
@@ -76,7 +77,7 @@ CHANGES: dict[str, tuple[Any, bool]] = {
 def test_every_setting_changes_something(name: str) -> None:
     value, calibrated = CHANGES[name]
     assert getattr(Smoother(), name) != value
-    beside: dict[str, Any] = {"gyr_bias_rest_std": None} if name == "gyr_bias_std" else {}
+    beside: dict[str, Any] = {"gyr_bias_rest_std": None} if name in ("gyr_bias_std", "gyr_bias_change_std") else {}
     before, after = smoothed(Smoother(**beside), calibrated), smoothed(Smoother(**beside, **{name: value}), calibrated)
     assert told(before) != told(after)
     assert after.method == Smoother(**beside, **{name: value})
@@ -150,6 +151,7 @@ def test_a_prior_may_hold_anything_that_a_calibration_may() -> None:
         ("gyr_bias_rest_std", [0.0, math.nan, False]),
         ("lever_change_std", [0.0, None]),
         ("acc_bias_change_std", [0.0, None]),
+        ("gyr_bias_change_std", [0.0, None]),
         ("max_iterations", [0, -1, 2.5, True, None, 10**6]),
     ],
 )

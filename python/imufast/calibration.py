@@ -47,6 +47,8 @@ class JointCalibration(ReadOnly):
         gyr_bias1, gyr_bias2: (3,) subtract from the rates, rad/s. Default 0.
         acc_bias1, acc_bias2: (3,) subtract from the specific forces, m/s². Default 0.
         gyr_bias_std: standard deviation of each gyroscope bias channel, rad/s. Default 0.0087 (0.5 deg/s).
+        relative_gyr_bias_std: what both biases leave uncertain of each channel of the relative rate, rad/s; less than √2
+            gyr_bias_std where they were found from how the sensors move against each other. None: as much as that.
         acc_bias_covariance: (6, 6) of the stacked accelerometer biases, (m/s²)². Default 0.
         noise: of the sensors and of the joint; None where unknown.
         rate_ratio: how much the joint turns about its second axis over how much about its first; None where unknown.
@@ -68,6 +70,7 @@ class JointCalibration(ReadOnly):
     acc_bias1: Array = field(default_factory=_zeros3)
     acc_bias2: Array = field(default_factory=_zeros3)
     gyr_bias_std: float = 0.0087
+    relative_gyr_bias_std: float | None = None
     acc_bias_covariance: Array = field(default_factory=lambda: np.zeros((6, 6)), repr=False)
     noise: SensorNoise | None = None
     rate_ratio: float | None = None
@@ -86,6 +89,9 @@ class JointCalibration(ReadOnly):
         if not isinstance(self.accepted, (bool, np.bool_)):
             raise InputError(f"accepted must be True or False, got {self.accepted!r}")
         object.__setattr__(self, "gyr_bias_std", _number("gyr_bias_std", self.gyr_bias_std, 1e9))
+        if self.relative_gyr_bias_std is not None:
+            name = "relative_gyr_bias_std"
+            object.__setattr__(self, name, _number(name, self.relative_gyr_bias_std, 1e9))
         if self.rate_ratio is not None:
             object.__setattr__(self, "rate_ratio", _number("rate_ratio", self.rate_ratio, 1e3))
         if isinstance(self.why, str) or not all(isinstance(reason, str) for reason in self.why):
@@ -171,6 +177,7 @@ class JointCalibration(ReadOnly):
             "gyr_bias1_rad_s": self.gyr_bias1.tolist(),
             "gyr_bias2_rad_s": self.gyr_bias2.tolist(),
             "gyr_bias_std_rad_s": self.gyr_bias_std,
+            "relative_gyr_bias_std_rad_s": self.relative_gyr_bias_std,
             "acc_bias1_m_s2": self.acc_bias1.tolist(),
             "acc_bias2_m_s2": self.acc_bias2.tolist(),
             "acc_bias_covariance_m2_s4": self.acc_bias_covariance.tolist(),
@@ -206,6 +213,7 @@ class JointCalibration(ReadOnly):
             gyr_bias1=plain["gyr_bias1_rad_s"],
             gyr_bias2=plain["gyr_bias2_rad_s"],
             gyr_bias_std=plain["gyr_bias_std_rad_s"],
+            relative_gyr_bias_std=plain.get("relative_gyr_bias_std_rad_s"),
             acc_bias1=plain["acc_bias1_m_s2"],
             acc_bias2=plain["acc_bias2_m_s2"],
             acc_bias_covariance=plain["acc_bias_covariance_m2_s4"],

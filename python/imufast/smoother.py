@@ -42,6 +42,7 @@ class Smoother(Checked):
         lever_change_std: how far each coordinate of the centre may be off from a calibration beyond what that says, m: sensors
             slip. Default 0.01.
         acc_bias_change_std: likewise of each accelerometer bias channel, m/s²: temperature. Default 0.05.
+        gyr_bias_change_std: likewise of each gyroscope bias channel, rad/s. Default 0.002 (0.1 deg/s).
         max_iterations: Gauss-Newton iterations. Default 60.
 
     Raises:
@@ -60,6 +61,7 @@ class Smoother(Checked):
     gyr_bias_rest_std: float | None = 0.002
     lever_change_std: float = 0.01
     acc_bias_change_std: float = 0.05
+    gyr_bias_change_std: float = 0.002
     max_iterations: int = 60
 
     def __post_init__(self) -> None:
@@ -76,6 +78,7 @@ class Smoother(Checked):
             "gyr_bias_rest_std": (1e-7, 10.0),
             "lever_change_std": (1e-6, 1e3),
             "acc_bias_change_std": (1e-6, 1e3),
+            "gyr_bias_change_std": (1e-7, 10.0),
         }
         optional = ("link_std", "drift_std", "gyr_bias_rest_std")
         for name, (low, high) in ranges.items():
@@ -95,7 +98,7 @@ class Smoother(Checked):
             mean[6:12] = np.concatenate([calibration.acc_bias1, calibration.acc_bias2])
             covariance[6:12, 6:12] = _limited(calibration.acc_bias_covariance, self.acc_bias_change_std, self.acc_bias_std)
             mean[12:] = np.concatenate([calibration.gyr_bias1, calibration.gyr_bias2])
-            covariance[12:, 12:] = max(calibration.gyr_bias_std, 1e-5) ** 2 * np.eye(6)
+            covariance[12:, 12:] = (calibration.gyr_bias_std**2 + self.gyr_bias_change_std**2) * np.eye(6)
         precision = np.linalg.inv(covariance)
         return mean, np.ascontiguousarray(0.5 * (precision + precision.T))
 
@@ -134,3 +137,23 @@ def run_smoother(imu1: Imu, imu2: Imu, calibration: JointCalibration | None, set
         settings.gyr_bias_rest_std,
         settings.max_iterations,
     )
+
+
+def relative_bias_std(q_12: Array, covariance: Array) -> float:
+    """What gyroscope biases of this covariance (6, 6) leave uncertain of each channel of the relative rate, rad/s: the root of
+    trace(Rᵀ C11 R + C22 − 2 Rᵀ C12)/3, averaged over orientations (N, 4). What both have in common cancels."""
+    products = q_12.T @ q_12 / len(q_12)
+    (ww, wx, wy, wz), (_, xx, xy, xz), (_, _, yy, yz), (_, _, _, zz) = products
+    turn = np.array(
+        [
+            [ww + xx - yy - zz, 2.0 * (xy - wz), 2.0 * (xz + wy)],
+            [2.0 * (xy + wz), ww - xx + yy - zz, 2.0 * (yz - wx)],
+            [2.0 * (xz - wy), 2.0 * (yz + wx), ww - xx - yy + zz],
+        ]
+    )
+    variance = float(np.trace(covariance)) - 2.0 * float((turn * covariance[:3, 3:]).sum())
+    return max(float(np.sqrt(max(variance, 0.0) / 3.0)), LEAST_RELATIVE_BIAS_STD)
+
+
+LEAST_RELATIVE_BIAS_STD = 2e-4
+"""Gyroscope biases are not steadier than this from minute to minute, rad/s (0.01 deg/s)."""
