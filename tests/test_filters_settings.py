@@ -61,6 +61,7 @@ CHANGES: dict[type, dict[str, tuple[Any, dict[str, Any]]]] = {
         "settle_s": (1.0, {"beta_extra": 1.0}),
         "heading_gain": (1.0, {}),
         "soft_angle": (0.0, {}),
+        "drift_limit": (0.1, {}),
         "bias_gain": (0.02, {}),
         "literal": (True, {}),
     },
@@ -118,7 +119,8 @@ def test_as_published_is_the_papers_choice() -> None:
     assert complementary.beta == pytest.approx(math.sqrt(3.0) * math.radians(1.0))
     assert Complementary.as_published(gyr_std=0.01).beta == pytest.approx(math.sqrt(3.0) * 0.01)
     assert complementary.literal
-    assert (complementary.heading_gain, complementary.soft_angle, complementary.bias_gain) == (1.0, 0.0, 0.0)
+    assert (complementary.heading_gain, complementary.soft_angle) == (1.0, 0.0)
+    assert (complementary.drift_limit, complementary.bias_gain) == (0.0, 0.0)
     for settings in (mekf, complementary):
         found = track(ball().imu1, ball().imu2, known(), settings)
         sound(found, ball().imu1)
@@ -173,6 +175,7 @@ def test_shared_settings_are_refused_by_name(kind: Any, name: str, values: list[
         (Complementary, "settle_s", 0.0),
         (Complementary, "heading_gain", -1.0),
         (Complementary, "soft_angle", 4.0),
+        (Complementary, "drift_limit", -1.0),
         (Complementary, "bias_gain", "x"),
         (Complementary, "literal", "yes"),
     ],

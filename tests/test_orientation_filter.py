@@ -66,7 +66,8 @@ def test_cutting_and_saving_change_nothing(settings: Any) -> None:
         (
             Complementary(),
             {
-                "beta": 1.0, "beta_extra": 1.0, "heading_gain": 1.0, "soft_angle": 0.3, "bias_gain": 0.5, "literal": True,
+                "beta": 1.0, "beta_extra": 1.0, "heading_gain": 1.0, "soft_angle": 0.3, "drift_limit": 0.1, "bias_gain": 0.5,
+                "literal": True,
             },
         ),
         (Complementary(beta_extra=1.0), {"settle_s": 100.0}),
@@ -95,6 +96,7 @@ def test_settings_of_gaps_change_what_follows_a_gap(name: str, value: Any) -> No
 def test_every_setting_is_covered() -> None:
     covered = {"outliers", "limit", "adapt", "midpoint", "start_std", "start_fade_s", "scale_noise", "precision", "max_gap_s"}
     covered |= {"restart", "beta", "beta_extra", "heading_gain", "soft_angle", "bias_gain", "literal", "settle_s"}
+    covered |= {"drift_limit"}
     assert {f.name for kind in (Mekf, Complementary) for f in fields(kind)} == covered
 
 

@@ -89,9 +89,13 @@ class Complementary(FilterSettings):
         beta_extra: added to `beta` after a start, fading with `settle_s`, rad/s. Default 0.
         settle_s: time constant of that, s. Default 5.
         heading_gain: the part of the gradient about the vertical counts so many times; tilt is seen at every instant, heading
-            only where the joint accelerates sideways. Default 8; 1 is the paper's.
+            only where the joint accelerates sideways. Less so where accelerations have no common direction, as gravity gives
+            them. Default 8; 1 is the paper's.
         soft_angle: angle between the two accelerations at which the normalised step has 0.7 of its size, rad: below it noise
             rules. Default 0.01; 0 is the paper's.
+        drift_limit: the correction is at most so many times as fast as √3 standard deviations of the drift that it undoes (the
+            paper has √3 σ of the gyroscopes): where there is hardly any, noise would turn it about. Default 1.5; 0: as fast as
+            `beta` says, as published.
         bias_gain: feedback of the correction to the gyroscope biases, 1/s. Default 0: none.
         literal: the gradient at the previous orientation and the first-order step of eq. 5b, as published. Default False.
 
@@ -106,6 +110,7 @@ class Complementary(FilterSettings):
     settle_s: float = 5.0
     heading_gain: float = 8.0
     soft_angle: float = 0.01
+    drift_limit: float = 1.5
     bias_gain: float = 0.0
     literal: bool = False
 
@@ -116,6 +121,7 @@ class Complementary(FilterSettings):
         self._number("settle_s", 1e-3, 1e6)
         self._number("heading_gain", 0.0, 1e6)
         self._number("soft_angle", 0.0, math.pi)
+        self._number("drift_limit", 0.0, 1e6)
         self._number("bias_gain", 0.0, 1e3)
         self._flag("literal")
 
@@ -123,10 +129,19 @@ class Complementary(FilterSettings):
     def as_published(cls, gyr_std: float = math.radians(1.0)) -> Complementary:
         """The paper's own choice: Algorithm 1 to the letter with β = √3 σ of the gyroscopes (rad/s; theirs is 1 deg/s)."""
         beta = math.sqrt(3.0) * check_number("gyr_std", gyr_std, 0.0, 1e3)
-        return cls(beta=beta, heading_gain=1.0, soft_angle=0.0, literal=True, midpoint=False, restart=False, scale_noise=0.0)
+        return cls(
+            beta=beta,
+            heading_gain=1.0,
+            soft_angle=0.0,
+            drift_limit=0.0,
+            literal=True,
+            midpoint=False,
+            restart=False,
+            scale_noise=0.0,
+        )
 
     def _method(self) -> dict[str, Any]:
-        names = ("beta", "beta_extra", "settle_s", "heading_gain", "soft_angle", "bias_gain", "literal")
+        names = ("beta", "beta_extra", "settle_s", "heading_gain", "soft_angle", "drift_limit", "bias_gain", "literal")
         return {"method": "complementary"} | _KALMAN_UNUSED | {name: getattr(self, name) for name in names}
 
 
@@ -173,6 +188,7 @@ _COMPLEMENTARY_UNUSED: dict[str, Any] = {
     "settle_s": 1.0,
     "heading_gain": 1.0,
     "soft_angle": 0.0,
+    "drift_limit": 0.0,
     "bias_gain": 0.0,
     "literal": False,
 }
@@ -194,9 +210,12 @@ def plan(
         raise InputError(str(error)) from None
     gyr_std, acc_std = TYPICAL_GYR_STD, TYPICAL_ACC_STD
     if noise is not None:
-        # Seen in a recording without rest they hold motion, which the filter is not to take for noise.
-        gyr_std = min(math.hypot(noise.gyr_std1, noise.gyr_std2) / math.sqrt(2.0), 2.0 * TYPICAL_GYR_STD)
-        acc_std = min(math.hypot(noise.acc_std1, noise.acc_std2) / math.sqrt(2.0), 2.0 * TYPICAL_ACC_STD)
+        # Seen in a recording full of impacts they hold motion, which the filter is not to take for noise.
+        gyr_std = min(math.hypot(noise.gyr_std1, noise.gyr_std2) / math.sqrt(2.0), 5.0 * TYPICAL_GYR_STD)
+        acc_std = min(math.hypot(noise.acc_std1, noise.acc_std2) / math.sqrt(2.0), 5.0 * TYPICAL_ACC_STD)
+    relative_std = calibration.relative_gyr_bias_std
+    if relative_std is None:
+        relative_std = math.sqrt(2.0) * calibration.gyr_bias_std
     return {
         "single": settings.precision == "single",
         "rate_hz": rate,
@@ -204,6 +223,7 @@ def plan(
         "r2": [0.0, 0.0, 0.0] if center is None else (-center.in_sensor2).tolist(),
         "gyr_bias": [calibration.gyr_bias1.tolist(), calibration.gyr_bias2.tolist()],
         "acc_bias": [calibration.acc_bias1.tolist(), calibration.acc_bias2.tolist()],
+        "relative_bias_std": min(relative_std, 1.0),
         "gyr_std": gyr_std,
         "acc_std": acc_std,
         "start": None if q_12 is None else _quaternion(q_12),

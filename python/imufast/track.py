@@ -20,7 +20,7 @@ from imufast.filters import Complementary, Mekf, plan
 from imufast.imu import Imu
 from imufast.pairs import check_pair
 from imufast.samples import ReadOnly
-from imufast.smoother import Smoother, run_smoother
+from imufast.smoother import Smoother, relative_bias_std, run_smoother
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -41,7 +41,7 @@ VAGUE_DEG = 20.0
 UNKNOWN_DEG = 104.0
 """Standard deviation of an angle of which nothing is known, degrees: uniform in ±180."""
 CONTRADICTED_S = 20.0
-"""A filter that starts anew more often than this, gaps aside, s, follows nothing."""
+"""A filter that follows for less than this from one start to the next, gaps aside, s, follows nothing."""
 STARTING, TRACKING, COASTING = 0, 1, 2
 """What a filter says of each sample."""
 
@@ -228,7 +228,7 @@ def _filtered(
     if calibration.center is None:
         why.append("the joint centre is not known: its acceleration was taken to be that of the sensors")
         std_deg = np.maximum(std_deg, UNKNOWN_DEG)
-    elif contradicted * CONTRADICTED_S > imu.duration_s:
+    elif contradicted * CONTRADICTED_S > imu.duration_s - sum(to - since for since, to in starts):
         why.append("the two sensors contradict each other again and again: soft tissue, impacts or a wrong calibration")
         std_deg = np.maximum(std_deg, UNKNOWN_DEG)
     elif not began.any() or 2 * int((std_deg > VAGUE_DEG).sum()) > len(std_deg):
@@ -307,6 +307,7 @@ def _refined(calibration: JointCalibration | None, fit: _core.SmootherFit) -> Jo
         "gyr_bias1": x[12:15],
         "gyr_bias2": x[15:18],
         "gyr_bias_std": gyr_std,
+        "relative_gyr_bias_std": relative_bias_std(fit.q_12, covariance[12:, 12:]),
     }
     return replace(known, **changes)
 

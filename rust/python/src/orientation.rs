@@ -36,6 +36,7 @@ pub struct FilterPlan {
     r2: Xyz,
     gyr_bias: [Xyz; 2],
     acc_bias: [Xyz; 2],
+    relative_bias_std: f64,
     gyr_std: f64,
     acc_std: f64,
     scale_noise: f64,
@@ -52,6 +53,7 @@ pub struct FilterPlan {
     settle_s: f64,
     heading_gain: f64,
     soft_angle: f64,
+    drift_limit: f64,
     bias_gain: f64,
     literal: bool,
     /// Of the Kalman filter; else ignored: "none", "reject" or "downweight".
@@ -64,7 +66,13 @@ impl FilterPlan {
     fn settings(&self) -> PyResult<Settings> {
         let settings = Settings {
             rate_hz: self.rate_hz,
-            joint: Joint { r1: self.r1, r2: self.r2, gyr_bias: self.gyr_bias, acc_bias: self.acc_bias },
+            joint: Joint {
+                r1: self.r1,
+                r2: self.r2,
+                gyr_bias: self.gyr_bias,
+                acc_bias: self.acc_bias,
+                relative_bias_std: self.relative_bias_std,
+            },
             noise: Noise { gyr_std: self.gyr_std, acc_std: self.acc_std },
             scale_noise: self.scale_noise,
             midpoint: self.midpoint,
@@ -87,6 +95,7 @@ impl FilterPlan {
             settle_s: self.settle_s,
             heading_gain: self.heading_gain,
             soft_angle: self.soft_angle,
+            drift_limit: self.drift_limit,
             bias_gain: self.bias_gain,
             literal: self.literal,
         }

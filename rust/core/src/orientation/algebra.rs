@@ -130,15 +130,6 @@ pub fn add_diagonal<L: Lane>(p: &Sym3<L>, s: L) -> Sym3<L> {
     [p[0] + s, p[1], p[2], p[3] + s, p[4], p[5] + s]
 }
 
-/// Inverse of a positive definite matrix.
-#[inline(always)]
-pub fn inverse<L: Lane>(s: &Sym3<L>) -> Sym3<L> {
-    let [a, b, c, d, e, f] = *s;
-    let (m0, m1, m2) = (d * f - e * e, c * e - b * f, b * e - c * d);
-    let scale = L::splat(1.0) / (a * m0 + b * m1 + c * m2);
-    [m0 * scale, m1 * scale, m2 * scale, (a * f - c * c) * scale, (b * c - a * e) * scale, (a * d - b * b) * scale]
-}
-
 #[inline(always)]
 pub fn trace<L: Lane>(p: &Sym3<L>) -> L {
     p[0] + p[3] + p[5]

@@ -28,6 +28,9 @@ pub struct Complementary {
     /// Angle between the two accelerations at which the normalised step has 0.7 of its size, rad: below it noise rules. 0: as
     /// published.
     pub soft_angle: f64,
+    /// The correction is at most so many times as fast as √3 standard deviations of the drift that it undoes (eq. 12 has √3 σ of the
+    /// gyroscopes): where there is hardly any, noise would turn it about. 0: as fast as β says, as published.
+    pub drift_limit: f64,
     /// Feedback of the correction to the gyroscope biases, 1/s. 0: none.
     pub bias_gain: f64,
     /// The literal Algorithm 1: the gradient at the previous orientation, and the first-order step of eq. 5b.
@@ -36,10 +39,25 @@ pub struct Complementary {
 
 impl Default for Complementary {
     fn default() -> Self {
-        Self { beta: 0.1, beta_extra: 0.0, settle_s: 5.0, heading_gain: 8.0, soft_angle: 0.01, bias_gain: 0.0, literal: false }
+        Self {
+            beta: 0.1,
+            beta_extra: 0.0,
+            settle_s: 5.0,
+            heading_gain: 8.0,
+            soft_angle: 0.01,
+            drift_limit: DRIFT_LIMIT,
+            bias_gain: 0.0,
+            literal: false,
+        }
     }
 }
 
+/// Default of [`Complementary::drift_limit`].
+const DRIFT_LIMIT: f64 = 1.5;
+/// Time constant of the drift that the limit is taken from, s.
+const DIFFUSION_S: f64 = 1.0;
+/// m/s².
+const GRAVITY: f64 = 9.81;
 /// Below this square of a cross product of accelerations, (m/s²)⁴, there is no direction to correct in.
 const TINY: f64 = 1e-18;
 
@@ -58,33 +76,47 @@ impl<L: Lane> Correction<L> {
         scale(self.direction, (self.over / self.under).sqrt())
     }
 
-    /// Its first-order step (eq. 5b), `(1, rate·dt/2)`, brought to length one: one division, and two roots side by side.
+    /// Its first-order step (eq. 5b), `(1, rate·dt/2)`, brought to length one: one division, and two roots side by side. And the
+    /// step by itself, in directions.
     #[inline(always)]
-    fn step(&self, dt: L) -> Quat<L> {
+    fn step(&self, dt: L) -> (Quat<L>, L) {
         let over = self.over * (dt * dt * L::splat(0.25));
         let per_length2 = L::splat(1.0) / (self.under + over * self.square.at_least(L::splat(0.0)));
-        let [x, y, z] = scale(self.direction, (over * per_length2).sqrt());
-        [(self.under * per_length2).sqrt(), x, y, z]
+        let half = (over * per_length2).sqrt();
+        let [x, y, z] = scale(self.direction, half);
+        ([(self.under * per_length2).sqrt(), x, y, z], half + half)
     }
 }
 
 impl Complementary {
-    /// Eqs 12 and 13: along the gradient, as fast as β says.
+    /// How many times the gradient's part about the vertical counts; where accelerations have no common direction, once.
     #[inline(always)]
-    fn correction<L: Lane>(&self, s: &State<L>, m: &Moment<L>, seen: Vec3<L>, along: Vec3<L>) -> Correction<L> {
+    fn heading_gain<L: Lane>(&self, s: &State<L>) -> L {
+        let vertical = (dot(s.up, s.up) * L::splat(1.0 / (GRAVITY * GRAVITY))).at_most(L::splat(1.0));
+        L::splat(1.0) + vertical * L::splat(self.heading_gain - 1.0)
+    }
+
+    /// Eqs 12 and 13: along the gradient, as fast as β says, and no faster than the drift asks for.
+    #[inline(always)]
+    fn correction<L: Lane>(&self, t: &Tuning<L>, s: &State<L>, m: &Moment<L>, seen: Vec3<L>, along: Vec3<L>) -> Correction<L> {
         // −Rᵀu: turning sensor 2 this way brings its acceleration onto that of sensor 1.
         let v = cross(m.acc2, seen);
         let (v2, tiny) = (dot(v, v), L::splat(TINY));
         let plain = v2.at_least(tiny);
-        let [gain, vertical] = [L::splat(self.heading_gain), dot(v, along)];
+        let [gain, vertical] = [self.heading_gain(s), dot(v, along)];
         let direction = add(v, scale(s.up, vertical * (gain - L::splat(1.0))));
         // Its square, from what is there already.
         let square = v2 + vertical * dot(v, s.up) * (gain * gain - L::splat(1.0));
         let level = m.level[0] * m.level[1] * L::splat(self.soft_angle * self.soft_angle);
         // Each sensor takes β/√2 (eq. 12); together they turn by √2·β.
-        let beta = L::splat(self.beta) + s.boost;
-        let (over, under) = (beta * beta * (plain + plain), (plain + level) * square.at_least(tiny));
-        Correction { direction, square, over, under }
+        let beta = L::splat(self.beta);
+        let mut speed2 = beta * beta * L::splat(2.0);
+        if self.drift_limit > 0.0 {
+            let drift2 = s.diffusion * m.per_dt + t.bias_var;
+            speed2 = speed2.at_most(drift2 * L::splat(3.0 * self.drift_limit * self.drift_limit));
+        }
+        speed2 = speed2 + s.boost * (beta + beta + s.boost) * L::splat(2.0);
+        Correction { direction, square, over: speed2 * plain, under: (plain + level) * square.at_least(tiny) }
     }
 
     /// Both halves of eq. 8 in their frames: what is taken from ω1 and from ω2.
@@ -114,13 +146,20 @@ impl Method for Complementary {
             m = Moment::new([m.dt, m.per_dt], turns, [m.acc1, m.acc2]);
         }
         let spread = t.process(L::splat(1.0), &m);
+        s.diffusion = s.diffusion + (spread * m.per_dt - s.diffusion) * share(m.dt, DIFFUSION_S);
         s.p[0] = s.p[0] + spread;
         s.p[1] = s.p[1] + spread;
+        let mut step = L::splat(0.0);
         if self.literal {
-            self.literal_step(s, &m, correct);
+            step = self.literal_step(t, s, &m, correct);
         } else {
             s.turn(&m);
+            if self.bias_gain > 0.0 {
+                // Such a bias may be anything.
+                s.q = normalize(s.q);
+            }
         }
+        let leans = s.leaning.wait(&m);
         if !correct {
             s.q = normalize(s.q);
             return;
@@ -130,27 +169,40 @@ impl Method for Complementary {
         let error2 = dot(error, error);
         let (flat2, along) = s.observe(&m, seen, error2);
         if !self.literal {
-            let correction = self.correction(s, &m, seen, along);
+            let correction = self.correction(t, s, &m, seen, along);
             if self.bias_gain > 0.0 {
                 self.feed_back(s, correction.rate(), m.dt);
             }
-            s.q = mul(nearly_unit(s.q), correction.step(m.dt));
+            let turned;
+            (turned, step) = correction.step(m.dt);
+            s.q = mul(nearly_unit(s.q), turned);
             s.boost = s.boost - s.boost * share(m.dt, self.settle_s);
         }
-        // Two scalar filters tell how much is known: tilt is seen by the whole acceleration, heading by its horizontal part.
+        // Tilt is seen by the whole acceleration, heading by its horizontal part; of the error η a correction takes `KHη`, with
+        // `KH = step (I + (gain − 1) up alongᵀ)(a² I − a aᵀ)`, and it brings in noise: `(I − KH)P(I − KH)ᵀ + KRKᵀ`.
+        let one = L::splat(1.0);
+        let gain = if self.literal { one } else { self.heading_gain(s) };
         let [tilt, heading] = [s.p[0], s.p[1]];
         let level = m.level[1];
         s.follow_link(&m, error, error2, tilt * level * L::splat(2.0 / 3.0));
-        let noise = s.link_slow_var;
-        let (tilt_sum, heading_sum) = (noise + tilt * level, noise + heading * flat2);
-        let both = noise / (tilt_sum * heading_sum);
-        s.p[0] = tilt * heading_sum * both;
-        s.p[1] = heading * tilt_sum * both;
+        let turn = step * gain;
+        let (left, left_heading) = (one - (step * level).at_most(one), one - (turn * flat2).at_most(one));
+        s.p[0] = tilt * (left * left) + step * step * (level * s.link_slow_var);
+        s.p[1] = heading * (left_heading * left_heading) + turn * turn * (flat2 * s.link_slow_var);
+        if leans {
+            let a = m.acc2;
+            let seen_along = scale(sub(scale(along, level), scale(a, dot(a, along))), gain - one);
+            let pull = [0, 1, 2].map(|r| {
+                let row = sub(scale(seen_along, s.up[r]), scale(a, a[r]));
+                scale([0, 1, 2].map(|c| if c == r { row[c] + level } else { row[c] }), step)
+            });
+            s.leaning.update(m.per_dt, &pull, t.bias_var);
+        }
     }
 
     #[inline(always)]
     fn variance<L: Lane>(&self, s: &State<L>) -> L {
-        s.p[0] + s.p[0] + s.p[1]
+        s.p[0] + s.p[0] + s.p[1] + s.leaning.variance
     }
 
     fn widen<L: Lane>(&self, s: &mut State<L>, variance: L) {
@@ -163,16 +215,20 @@ impl Complementary {
     /// Steps 1–4 of Algorithm 1 as printed: the gradient pairs this acceleration with the previous orientation, and eq. 5b adds
     /// corrected rates to first order.
     #[inline(always)]
-    fn literal_step<L: Lane>(&self, s: &mut State<L>, m: &Moment<L>, correct: bool) {
+    fn literal_step<L: Lane>(&self, t: &Tuning<L>, s: &mut State<L>, m: &Moment<L>, correct: bool) -> L {
         let (mut turn1, mut turn2) = (m.turn1, m.turn2);
+        let mut step = L::splat(0.0);
         if correct {
             let seen = s.expected(m);
-            let [half1, half2] = Self::halves(s.q, self.correction(s, m, seen, [L::splat(0.0); 3]).rate());
+            let correction = self.correction(t, s, m, seen, [L::splat(0.0); 3]);
+            step = correction.step(m.dt).1;
+            let [half1, half2] = Self::halves(s.q, correction.rate());
             turn1 = add(turn1, scale(half1, -m.dt));
             turn2 = add(turn2, scale(half2, -m.dt));
         }
         s.q = normalize(mul(mul(inverted(first_order(turn1)), s.q), first_order(turn2)));
         s.up = add(s.up, cross(s.up, turn2));
+        step
     }
 
     /// The mean of a correction that persists is a bias of the gyroscopes: each takes its half.

@@ -150,6 +150,7 @@ impl Method for Mekf {
         // Time update: the error turns with sensor 2.
         s.turn(m);
         s.p = add_diagonal(&congruence(&rows_back(m.step[1]), &s.p), t.process(s.drift, m));
+        let leans = s.leaning.wait(m);
         if !correct {
             s.q = normalize(s.q);
             return;
@@ -175,6 +176,10 @@ impl Method for Mekf {
         let eta = together(&gain, shown);
         s.p = less_product(&less_product(&s.p, gain[0], ph[0]), gain[1], ph[1]);
         s.q = mul(nearly_unit(s.q), exp(eta));
+        if leans {
+            let pull = [0, 1, 2].map(|r| together(&across, [gain[0][r], gain[1][r]]));
+            s.leaning.update(m.per_dt, &pull, t.bias_var);
+        }
         s.observe(m, seen, error2);
         if self.adapt {
             s.follow_link(m, e, error2, (known[0] + known[2]) * level * L::splat(1.0 / 3.0));
@@ -184,7 +189,7 @@ impl Method for Mekf {
 
     #[inline(always)]
     fn variance<L: Lane>(&self, s: &State<L>) -> L {
-        s.variance()
+        s.variance() + s.leaning.variance
     }
 
     fn widen<L: Lane>(&self, s: &mut State<L>, variance: L) {

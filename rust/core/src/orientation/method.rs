@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use super::{
     algebra::scale,
     lane::Lane,
-    state::{Moment, Noise, State},
+    state::{Joint, Moment, Noise, State},
 };
 
 /// A filter: how an instant changes what is known.
@@ -32,6 +32,8 @@ pub struct Tuning<L> {
     pub scale_noise: L,
     /// Variance of the link residual to begin with, one axis, (m/s²)².
     pub link_var: L,
+    /// Variance of the bias of the relative rate, one axis, (rad/s)².
+    pub bias_var: L,
 }
 
 /// Default of [`Tuning::scale_noise`], √s.
@@ -41,17 +43,25 @@ pub(crate) const LEAST_LINK_VAR: f64 = 9e-4;
 
 impl Tuning<f64> {
     /// From the sensors' white noise, the lever arms and the step of the differentiation.
-    pub fn new(noise: &Noise, r1: f64, r2: f64, stencil_s: f64, scale_noise: f64) -> Self {
+    pub fn new(noise: &Noise, joint: &Joint, stencil_s: f64, scale_noise: f64) -> Self {
+        let [r1, r2] = [joint.r1, joint.r2].map(|r| nalgebra::Vector3::from(r).norm());
         let dot_std = noise.gyr_std * STENCIL_NOISE / stencil_s;
         let lever = dot_std * dot_std * (r1 * r1 + r2 * r2) * (2.0 / 3.0);
         let link_var = 2.0 * noise.acc_std * noise.acc_std + lever;
-        Self { rate_var: 2.0 * noise.gyr_std * noise.gyr_std, scale_noise, link_var: link_var.max(LEAST_LINK_VAR) }
+        Self {
+            rate_var: 2.0 * noise.gyr_std * noise.gyr_std,
+            scale_noise,
+            link_var: link_var.max(LEAST_LINK_VAR),
+            bias_var: joint.relative_bias_std * joint.relative_bias_std,
+        }
     }
 
     /// The same in other numbers.
     #[inline(always)]
     pub(crate) fn cast<L: Lane>(&self) -> Tuning<L> {
-        Tuning { rate_var: L::splat(self.rate_var), scale_noise: L::splat(self.scale_noise), link_var: L::splat(self.link_var) }
+        let Self { rate_var, scale_noise, link_var, bias_var } = *self;
+        let [rate_var, scale_noise, link_var, bias_var] = [rate_var, scale_noise, link_var, bias_var].map(L::splat);
+        Tuning { rate_var, scale_noise, link_var, bias_var }
     }
 }
 

@@ -6,6 +6,7 @@
 //! | `algebra` | quaternions and symmetric matrices over them |
 //! | [`start`] | the closed form over the first seconds |
 //! | [`state`] | what a filter knows, what an instant tells |
+//! | [`leaning`] | what unknown gyroscope biases do to it |
 //! | [`method`] | what the filters share: noise, steps |
 //! | [`complementary`] | Algorithm 1 |
 //! | [`mekf`] | multiplicative extended Kalman filter |
@@ -21,6 +22,7 @@ pub mod complementary;
 mod eight;
 pub mod filter;
 pub mod lane;
+pub mod leaning;
 pub mod mekf;
 pub mod method;
 mod pack;

@@ -183,6 +183,7 @@ impl<V> Constants<V> {
                 rate_var: wide(&|f| f.tuning.rate_var),
                 scale_noise: wide(&|f| f.tuning.scale_noise),
                 link_var: wide(&|f| f.tuning.link_var),
+                bias_var: wide(&|f| f.tuning.bias_var),
             },
             midpoint: settings.midpoint,
             step: *step as usize,

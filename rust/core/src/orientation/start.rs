@@ -3,15 +3,13 @@
 //! Each gyroscope alone carries its sensor's orientation from the first instant on. What is missing is one constant rotation
 //! between the two, and it solves Wahba's problem: the joint centre's acceleration, seen by both sensors, is the same vector. The
 //! largest eigenvector of a 4×4 matrix gives it (Horn 1987), without a first guess. How long the window must be is told by
-//! the data: `Σ [a×]ᵀ[a×]` is small in a direction that the motion has not shown yet.
+//! the data: the curvature of `Σ w xᵀ R y` is small in a direction that the motion has not shown yet. Noise adds nothing to it,
+//! for that of the two sensors has nothing in common; `Σ [y×]ᵀ[y×]` would take noise for motion.
 
-use nalgebra::{Matrix3, Matrix4, SymmetricEigen, Vector3};
+use nalgebra::{ComplexField, Matrix3, Matrix4, SymmetricEigen, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{
-    algebra::{Quat, Sym3, Vec3, congruence, cross, inverse, mul, normalize, rotate_back, rows_back, trace},
-    algebra::{add_diagonal, exp},
-};
+use super::algebra::{Quat, Sym3, Vec3, add_diagonal, congruence, exp, mul, normalize, rotate_back, rows_back, trace};
 
 /// An orientation and the covariance of its error, rad², in the frame of sensor 2.
 pub type Oriented = (Quat<f64>, Sym3<f64>);
@@ -21,20 +19,31 @@ pub type Oriented = (Quat<f64>, Sym3<f64>);
 pub struct Start {
     /// Orientation of each sensor now against its own at the beginning.
     turned: [Quat<f64>; 2],
-    /// `Σ w x yᵀ dt` of the accelerations in the frames of the beginning.
+    /// `Σ w x yᵀ` of the accelerations in the frames of the beginning; a sample weighs its `dt`, or less.
     products: [Vec3<f64>; 3],
-    /// `Σ w [y×]ᵀ[y×] dt`.
-    information: Sym3<f64>,
+    /// `Σ w (x² + y²)`, `Σ w` and `Σ w age`.
+    power: f64,
+    weight: f64,
+    aged: f64,
     /// What the gyroscopes have drifted apart meanwhile, rad².
     drift: f64,
-    /// Length of the window so far, s.
+    /// Length of the window so far, s, and since its sums were last looked at.
     elapsed_s: f64,
+    unseen_s: f64,
+    /// Covariance when they were, rad².
+    known: Sym3<f64>,
     /// Old instants fade with this time constant, s: the drift makes them worthless.
     fade_s: f64,
+    /// Variance of the bias of the relative rate, one axis, (rad/s)².
+    bias_var: f64,
 }
 
 /// Noise of the link residual in a start, (m/s²)²·s: 0.45 m/s² at 50 Hz, generous, as neighbours err alike.
 const NOISE_DENSITY: f64 = 0.004;
+/// What is left of the residual counts as alike over so long, s.
+const ALIKE_S: f64 = 0.025;
+/// So many standard deviations of what noise feigns are taken off.
+const FEIGNED: f64 = 3.0;
 /// Knowing nothing, a rotation angle about one axis has this variance: uniform in ±π.
 const NOTHING_KNOWN: f64 = core::f64::consts::PI * core::f64::consts::PI / 3.0;
 /// Where the two accelerations differ in length by this, m/s², no rotation explains it and the instant counts half.
@@ -43,12 +52,27 @@ const MISFIT: f64 = 1.0;
 const NEARLY: f64 = 9.0;
 /// Weight, against the data, of leaving undetermined directions as the shortest rotation leaves them.
 const PREFERENCE: f64 = 1e-9;
+/// The sums are looked at so often, s; no multiple of usual steps, lest rounding decides.
+const LOOK_S: f64 = 0.0451;
 
 impl Start {
     /// A window that begins now.
-    pub fn new(fade_s: f64) -> Self {
+    pub fn new(fade_s: f64, bias_var: f64) -> Self {
         let one = [1.0, 0.0, 0.0, 0.0];
-        Self { turned: [one; 2], products: [[0.0; 3]; 3], information: [0.0; 6], drift: 0.0, elapsed_s: 0.0, fade_s }
+        let known = [NOTHING_KNOWN, 0.0, 0.0, NOTHING_KNOWN, 0.0, NOTHING_KNOWN];
+        Self {
+            turned: [one; 2],
+            products: [[0.0; 3]; 3],
+            power: 0.0,
+            weight: 0.0,
+            aged: 0.0,
+            drift: 0.0,
+            elapsed_s: 0.0,
+            unseen_s: 0.0,
+            known,
+            fade_s,
+            bias_var,
+        }
     }
 
     /// Turns on by one step (rotation vectors of both sensors); `drift` is the variance that this adds, rad².
@@ -56,16 +80,19 @@ impl Start {
         let [q1, q2] = self.turned;
         self.turned = [normalize(mul(q1, exp(turn1))), normalize(mul(q2, exp(turn2)))];
         self.elapsed_s += dt;
+        self.unseen_s += dt;
+        self.aged += self.weight * dt;
         let keep = (1.0 - dt / self.fade_s).max(0.0);
-        self.products.as_flattened_mut().iter_mut().chain(&mut self.information).for_each(|x| *x *= keep);
+        let sums = [&mut self.power, &mut self.weight, &mut self.aged];
+        self.products.as_flattened_mut().iter_mut().chain(sums).for_each(|x| *x *= keep);
         // Of a steadily growing drift the window's mean has half.
         self.drift = (self.drift + 0.5 * drift) * keep;
     }
 
     /// Adds the joint centre's acceleration as both sensors see it now, which stands for `dt`.
     pub fn add(&mut self, acc1: Vec3<f64>, acc2: Vec3<f64>, dt: f64) {
-        let size = |a: Vec3<f64>| Vector3::from(a).norm();
-        let misfit = (size(acc1) - size(acc2)) / MISFIT;
+        let square = |a: Vec3<f64>| Vector3::from(a).norm_squared();
+        let misfit = (ComplexField::sqrt(square(acc1)) - ComplexField::sqrt(square(acc2))) / MISFIT;
         let weight = dt / (1.0 + misfit * misfit);
         let [x, y] = [(self.turned[0], acc1), (self.turned[1], acc2)].map(|([w, i, j, k], a)| rotate_back([w, -i, -j, -k], a));
         for (row, x) in self.products.iter_mut().zip(x) {
@@ -73,44 +100,91 @@ impl Start {
                 *sum += weight * x * y;
             }
         }
-        let rows = [cross([1.0, 0.0, 0.0], y), cross([0.0, 1.0, 0.0], y), cross([0.0, 0.0, 1.0], y)];
-        for (sum, part) in self.information.iter_mut().zip(congruence(&rows, &[1.0, 0.0, 0.0, 1.0, 0.0, 1.0])) {
-            *sum += weight * part;
+        self.power += weight * (square(acc1) + square(acc2));
+        self.weight += weight;
+    }
+
+    /// From now on everything before is uncertain by this variance more, rad²: a window that knows to the variance `k` is worth
+    /// `k/(k + variance)` of itself.
+    pub fn doubt(&mut self, variance: f64) {
+        self.known = self.shown(self.between());
+        let known = trace(&self.known) / 3.0;
+        let keep = known / (known + variance);
+        let sums = [&mut self.power, &mut self.weight, &mut self.aged, &mut self.drift];
+        self.products.as_flattened_mut().iter_mut().chain(sums).for_each(|x| *x *= keep);
+        self.unseen_s = LOOK_S;
+    }
+
+    /// Looks at the sums where it is time to; whether the orientation is known to `std`, rad, the root of the trace, biases
+    /// apart, which waiting does not help against; or nearly so when all that fades has faded.
+    pub fn is_known_to(&mut self, std: f64) -> bool {
+        if self.unseen_s < LOOK_S {
+            return false;
         }
-    }
-
-    /// Covariance now, rad²; never more than knowing nothing.
-    pub fn covariance(&self) -> Sym3<f64> {
-        let known = add_diagonal(&self.information.map(|i| i / NOISE_DENSITY), 1.0 / NOTHING_KNOWN);
-        add_diagonal(&congruence(&rows_back(self.turned[1]), &inverse(&known)), self.drift)
-    }
-
-    /// Whether the orientation is known to `std`, rad, the root of the trace; or nearly so when all that fades has faded and
-    /// waiting does not help.
-    pub fn is_known_to(&self, std: f64) -> bool {
-        let variance = trace(&self.covariance());
+        self.unseen_s = 0.0;
+        self.known = self.shown(self.between());
+        let variance = trace(&self.known) + 3.0 * self.drift;
         variance < std * std || (self.elapsed_s > self.fade_s && variance < NEARLY * std * std)
     }
 
-    /// The orientation now: sensor 2 to sensor 1.
-    pub fn orientation(&self) -> Quat<f64> {
-        let products = Matrix3::from_fn(|r, c| self.products[r][c]);
-        let preference = PREFERENCE * (1e-6 + products.norm());
-        let [q1, q2] = self.turned;
-        let between = best_rotation(&(products + Matrix3::identity() * preference));
-        let [w, x, y, z] = q1;
-        normalize(mul(mul([w, -x, -y, -z], between), q2))
+    /// Trace of the covariance when the sums were last looked at, rad².
+    pub fn variance(&self) -> f64 {
+        trace(&self.known) + 3.0 * self.drift + self.leaning_variance()
     }
 
-    /// Orientation and covariance now.
+    /// For how long gyroscope biases have acted on what this finds: the mean age of what it rests on, s.
+    pub fn lean_s(&self) -> f64 {
+        if self.weight > 0.0 { self.aged / self.weight } else { 0.0 }
+    }
+
+    /// Trace of what biases add to the covariance, rad².
+    pub fn leaning_variance(&self) -> f64 {
+        3.0 * self.bias_var * self.lean_s() * self.lean_s()
+    }
+
+    /// The constant rotation between the frames of the beginning.
+    fn between(&self) -> Quat<f64> {
+        let products = Matrix3::from_fn(|r, c| self.products[r][c]);
+        best_rotation(&(products + Matrix3::identity() * (PREFERENCE * (1e-6 + products.norm()))))
+    }
+
+    /// Covariance of what the sums show of this rotation, rad², in the frame of sensor 2 at the beginning.
+    fn shown(&self, between: Quat<f64>) -> Sym3<f64> {
+        let back = rows_back(between);
+        // Rᵀ Σ w x yᵀ; of η in R exp[η×] the sum Σ w xᵀ R y has the curvature tr(G) I − ½(G + Gᵀ).
+        let g = Matrix3::from_fn(|r, c| (0..3).map(|k| back[r][k] * self.products[k][c]).sum::<f64>());
+        let curvature = Matrix3::identity() * g.trace() - (g + g.transpose()) * 0.5;
+        let weight = self.weight.max(1e-12);
+        let residual = ((self.power - 2.0 * g.trace()) / (3.0 * weight)).max(0.0);
+        let level = self.power / (2.0 * weight);
+        // What chance finds in noise, and in gravity that wanders with drift, half alike by chance, and with biases, all alike.
+        let wander = 0.5 * self.drift + self.bias_var * weight * weight / 6.0;
+        let feigned = FEIGNED * residual * ComplexField::sqrt(weight * ALIKE_S) + level * weight * wander;
+        let density = (residual * ALIKE_S).max(NOISE_DENSITY);
+        let mut known = Matrix3::identity() * NOTHING_KNOWN;
+        if curvature.iter().all(|x| x.is_finite()) {
+            let eigen = SymmetricEigen::new(curvature);
+            let variances = eigen.eigenvalues.map(|x| 1.0 / ((x - feigned).max(0.0) / density + 1.0 / NOTHING_KNOWN));
+            known = eigen.eigenvectors * Matrix3::from_diagonal(&variances) * eigen.eigenvectors.transpose();
+        }
+        [known[(0, 0)], known[(0, 1)], known[(0, 2)], known[(1, 1)], known[(1, 2)], known[(2, 2)]]
+    }
+
+    /// Orientation and covariance now, biases apart.
     pub fn solve(&self) -> Oriented {
-        (self.orientation(), self.covariance())
+        let between = self.between();
+        let [[w, x, y, z], q2] = self.turned;
+        let q = normalize(mul(mul([w, -x, -y, -z], between), q2));
+        (q, add_diagonal(&congruence(&rows_back(q2), &self.shown(between)), self.drift))
     }
 
     /// Whether it can go on.
     pub(crate) fn is_sound(&self) -> bool {
         let finite = |q: &Quat<f64>| q.iter().all(|x| x.is_finite());
-        self.turned.iter().all(finite) && self.information.iter().all(|x| x.is_finite()) && self.fade_s > 0.0
+        let sums = [self.power, self.weight, self.aged, self.drift, self.unseen_s, self.bias_var];
+        self.turned.iter().all(finite)
+            && sums.iter().chain(&self.known).chain(self.products.as_flattened()).all(|x| x.is_finite())
+            && self.fade_s > 0.0
     }
 }
 
@@ -137,7 +211,7 @@ fn best_rotation(products: &Matrix3<f64>) -> Quat<f64> {
 /// used) and the joint centre's accelerations, all `step_s` apart. The orientation belongs to the first sample; its
 /// covariance is in the frame of sensor 2.
 pub fn start_of(turns: [&[Vec3<f64>]; 2], accelerations: [&[Vec3<f64>]; 2], step_s: f64) -> Oriented {
-    let mut start = Start::new(f64::INFINITY);
+    let mut start = Start::new(f64::INFINITY, 0.0);
     let [turns1, turns2] = turns;
     let [acc1, acc2] = accelerations;
     for (k, (((t1, t2), a1), a2)) in turns1.iter().zip(turns2).zip(acc1).zip(acc2).enumerate() {

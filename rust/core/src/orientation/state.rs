@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     algebra::{Quat, Sym3, Vec3, add, cross, dot, exp, inverted, mul, rotate_back, scale, sub, trace},
     lane::Lane,
+    leaning::Leaning,
     method::LEAST_LINK_VAR,
 };
 use crate::Xyz;
@@ -18,6 +19,8 @@ pub struct Joint {
     pub r2: Xyz,
     /// Gyroscope biases, rad/s.
     pub gyr_bias: [Xyz; 2],
+    /// What they leave uncertain of each channel of the relative rate, one standard deviation, rad/s.
+    pub relative_bias_std: f64,
     /// Accelerometer biases, m/s².
     pub acc_bias: [Xyz; 2],
 }
@@ -132,10 +135,14 @@ pub struct State<L> {
     pub memory: [Vec3<L>; 2],
     /// Mean squares of a correction and of the twice smoothed ones, rad².
     pub memory_size: [L; 2],
+    /// What drift adds about an axis, on average over the last second, rad²/s.
+    pub diffusion: L,
     /// What is left of the larger gain after a start, rad/s.
     pub boost: L,
     /// Gyroscope biases beyond the calibrated, fed back by the complementary filter, rad/s.
     pub gyr_bias: [Vec3<L>; 2],
+    /// What gyroscope biases that nobody knows do to it.
+    pub leaning: Leaning<L>,
 }
 
 impl<L: Lane> State<L> {
@@ -154,8 +161,10 @@ impl<L: Lane> State<L> {
             drift: L::splat(1.0),
             memory: [[zero; 3]; 2],
             memory_size: [zero; 2],
+            diffusion: L::splat(USUAL_DIFFUSION),
             boost: zero,
             gyr_bias: [[zero; 3]; 2],
+            leaning: Leaning::after(0.0, 0.0),
         }
     }
 
@@ -171,12 +180,16 @@ impl<L: Lane> State<L> {
         go(self.memory.as_flattened_mut(), other.memory.as_flattened_mut());
         go(&mut self.memory_size, &mut other.memory_size);
         go(self.gyr_bias.as_flattened_mut(), other.gyr_bias.as_flattened_mut());
-        let rest = [&mut self.link_var, &mut self.link_slow_var, &mut self.heading_power, &mut self.drift, &mut self.boost];
-        let others =
-            [&mut other.link_var, &mut other.link_slow_var, &mut other.heading_power, &mut other.drift, &mut other.boost];
-        for (a, b) in rest.into_iter().zip(others) {
-            f(a, b);
-        }
+        go(self.leaning.rows.as_flattened_mut(), other.leaning.rows.as_flattened_mut());
+        go(&mut self.leaning.turn, &mut other.leaning.turn);
+        f(&mut self.link_var, &mut other.link_var);
+        f(&mut self.link_slow_var, &mut other.link_slow_var);
+        f(&mut self.heading_power, &mut other.heading_power);
+        f(&mut self.drift, &mut other.drift);
+        f(&mut self.diffusion, &mut other.diffusion);
+        f(&mut self.boost, &mut other.boost);
+        f(&mut self.leaning.since, &mut other.leaning.since);
+        f(&mut self.leaning.variance, &mut other.leaning.variance);
     }
 
     /// `q ← exp(−turn1/2) ⊙ q ⊙ exp(turn2/2)`: eq. 5a of both sensors, seen from sensor 1; what is up turns along.
@@ -252,6 +265,8 @@ fn followed<L: Lane>(var: L, square: L, explained: L, dt: L) -> L {
     var + (now - var) * share(dt, LINK_S)
 }
 
+/// What drift adds while limbs move, rad²/s: to begin with.
+const USUAL_DIFFUSION: f64 = 1e-4;
 /// Time constants, s: of the direction upwards, of the horizontal power, of the watch on the heading, of the link residual.
 const UP_S: f64 = 1.0;
 const POWER_S: f64 = 10.0;

@@ -35,7 +35,14 @@ fn step(q: UnitQuaternion<f64>, turn: V) -> UnitQuaternion<f64> {
 fn the_complementary_filter_is_algorithm_1() {
     let joint = BallJoint::new(1, 50.0);
     let recording = joint.record(20.0);
-    let method = Complementary { beta: 0.3, heading_gain: 1.0, soft_angle: 0.0, literal: true, ..Complementary::default() };
+    let method = Complementary {
+        beta: 0.3,
+        heading_gain: 1.0,
+        soft_angle: 0.0,
+        drift_limit: 0.0,
+        literal: true,
+        ..Complementary::default()
+    };
     let estimates = recording.estimates(&published(&joint), method);
     let t = 1.0 / joint.rate_hz;
     let mut q = [UnitQuaternion::identity(); 2];
