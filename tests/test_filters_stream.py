@@ -22,7 +22,7 @@ from imufast import (
     track,
 )
 from numpy.typing import NDArray
-from test_track import apart_deg, bug, known
+from test_track import apart_deg, known
 
 Array = NDArray[np.float64]
 VARIANTS: dict[str, Any] = {
@@ -191,7 +191,7 @@ def refused(state: bytes) -> None:
         OrientationFilter.restore(state)
 
 
-CLOCK, HEAD = 40, 40 + 8 + 1 + 4
+CLOCK, HEAD = 44, 44 + 8 + 1 + 4
 """Where the clock ends; where version, kind and checksum end."""
 
 
@@ -213,7 +213,6 @@ def test_damage_behind_the_clock_is_noticed(data: st.DataObject) -> None:
     refused(bytes(state))
 
 
-@pytest.mark.xfail(strict=True, reason="bug: the checksum leaves out the clock's 40 bytes: count and times may be damaged")
 def test_damage_to_the_clock_is_noticed() -> None:
     state = saved("mekf")
     passed = []
@@ -299,7 +298,7 @@ def test_before_the_start_it_says_that_it_is_starting() -> None:
         ({"rate_hz": -50.0}, "rate_hz"),
         ({"rate_hz": float("nan")}, "rate_hz"),
         ({"rate_hz": float("inf")}, "rate_hz"),
-        *bug("ValueError without a name", ({"rate_hz": 1e9}, "rate_hz")),
+        ({"rate_hz": 1e9}, "rate_hz"),
         ({"rate_hz": "fast"}, "rate_hz"),
         ({"rate_hz": None}, "rate_hz"),
         ({"q_12": [1.0, 0.0, 0.0]}, "q_12"),

@@ -479,7 +479,6 @@ def test_the_standard_deviation_of_a_start_is_checked(std: Any) -> None:
         track(ball().imu1, ball().imu2, known(), "mekf", start=ball().q_12[0], start_std_deg=std)
 
 
-@pytest.mark.xfail(strict=True, reason="bug: track names q_12 and angle_std_deg, which are arguments of Mekf.start")
 def test_refusals_speak_of_the_argument_that_was_given() -> None:
     with pytest.raises(InputError, match=r"^start must"):
         track(ball().imu1, ball().imu2, known(), "mekf", start=[1.0, 0.0, 0.0])

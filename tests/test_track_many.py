@@ -152,7 +152,6 @@ def test_wrong_lists_are_refused() -> None:
         track_many([pair], [calibration], "kalman")
 
 
-@pytest.mark.xfail(strict=True, raises=(TypeError, ValueError), reason="bug: TypeError or ValueError of Python's own")
 @pytest.mark.parametrize("pairs", [None, 3, [1], [(1,)], [(1, 2, 3)], [None]])
 def test_what_are_no_pairs_is_refused(pairs: Any) -> None:
     with pytest.raises(InputError, match="pairs"):

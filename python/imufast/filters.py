@@ -197,15 +197,20 @@ TYPICAL_ACC_STD = 0.05
 
 
 def plan(
-    settings: FilterSettings, calibration: JointCalibration, rate_hz: float, q_12: ArrayLike | None, angle_std_deg: float
+    settings: FilterSettings,
+    calibration: JointCalibration,
+    rate_hz: float,
+    q_12: ArrayLike | None = None,
+    angle_std_deg: float = 2.0,
+    names: tuple[str, str] = ("q_12", "angle_std_deg"),
 ) -> dict[str, Any]:
-    """What the core needs to know."""
+    """What the core needs to know; `names` are what the caller calls the last two."""
     if not isinstance(calibration, JointCalibration):
         raise InputError(f"calibration must be a JointCalibration, got {type(calibration).__name__}")
     center, noise = calibration.center, calibration.noise
     try:
-        rate = check_number("rate_hz", rate_hz, 0.0, 1e9, low_open=True)
-        std = math.radians(check_number("angle_std_deg", angle_std_deg, 0.0, 180.0, low_open=True))
+        rate = check_number("rate_hz", rate_hz, 0.0, 1e8, low_open=True)
+        std = math.radians(check_number(names[1], angle_std_deg, 0.0, 180.0, low_open=True))
     except SettingsError as error:
         raise InputError(str(error)) from None
     gyr_std, acc_std = TYPICAL_GYR_STD, TYPICAL_ACC_STD
@@ -226,7 +231,7 @@ def plan(
         "relative_bias_std": min(relative_std, 1.0),
         "gyr_std": gyr_std,
         "acc_std": acc_std,
-        "start": None if q_12 is None else _quaternion(q_12),
+        "start": None if q_12 is None else _quaternion(names[0], q_12),
         "start_given_std": std,
         "midpoint": settings.midpoint,
         "start_std": settings.start_std,
@@ -237,13 +242,13 @@ def plan(
     } | settings._method()
 
 
-def _quaternion(value: ArrayLike) -> list[float]:
+def _quaternion(name: str, value: ArrayLike) -> list[float]:
     try:
         q = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"q_12 must be four numbers, got {type(value).__name__}") from None
+        raise InputError(f"{name} must be four numbers, got {type(value).__name__}") from None
     if q.shape != (4,) or not abs(float(np.linalg.norm(q)) - 1.0) < 1e-3:
-        raise InputError(f"q_12 must be a unit quaternion w, x, y, z, got {value!r}")
+        raise InputError(f"{name} must be a unit quaternion w, x, y, z, got {value!r}")
     return [float(x) for x in q / np.linalg.norm(q)]
 
 

@@ -150,7 +150,7 @@ def track(
             raise InputError("start is for the filters; the smoother needs none")
         return _smooth(imu1, imu2, calibration, settings)
     known = calibrate_joint(imu1, imu2) if calibration is None else calibration
-    asked = plan(settings, known, imu1.rate_hz, start, start_std_deg)
+    asked = plan(settings, known, imu1.rate_hz, start, start_std_deg, ("start", "start_std_deg"))
     (q, std, states), restarts = _core.track_filter(imu1.gyr, imu1.acc, imu2.gyr, imu2.acc, imu1.time_s, asked)
     return _filtered(imu1, q, std, states, restarts, known, settings)
 
@@ -170,7 +170,10 @@ def track_many(
         InputError, SettingsError: as `track`; lists of different lengths.
     """
     settings = _settings(method)
-    pairs, calibrations = list(pairs), list(calibrations)
+    try:
+        pairs, calibrations = [(imu1, imu2) for imu1, imu2 in pairs], list(calibrations)
+    except (TypeError, ValueError):
+        raise InputError("pairs must be a list of (imu1, imu2), and calibrations one of JointCalibration") from None
     if len(pairs) != len(calibrations):
         raise InputError(f"pairs has {len(pairs)} entries but calibrations {len(calibrations)}")
     for (imu1, imu2), calibration in zip(pairs, calibrations, strict=True):
@@ -182,9 +185,7 @@ def track_many(
         return [
             _smooth(imu1, imu2, calibration, settings) for (imu1, imu2), calibration in zip(pairs, calibrations, strict=True)
         ]
-    plans = [
-        plan(settings, calibration, imu1.rate_hz, None, 2.0) for (imu1, _), calibration in zip(pairs, calibrations, strict=True)
-    ]
+    plans = [plan(settings, calibration, imu1.rate_hz) for (imu1, _), calibration in zip(pairs, calibrations, strict=True)]
     tracked = _core.track_filter_batch([(a.gyr, a.acc, b.gyr, b.acc, a.time_s) for a, b in pairs], plans)
     return [
         _filtered(imu1, *result, restarts, calibration, settings)

@@ -256,6 +256,7 @@ impl OrientationFilter {
     fn state<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
         let state = self.lock();
         let mut bytes = state.clock.to_bytes();
+        bytes.extend(imufast_core::checksum(&bytes).to_le_bytes());
         bytes.extend(with!(&state.filter, f => f.to_bytes()));
         PyBytes::new(py, &bytes)
     }
@@ -264,6 +265,10 @@ impl OrientationFilter {
     fn restore(state: &[u8]) -> PyResult<Self> {
         let damaged = || PyValueError::new_err("state is damaged, of another version, or not of an orientation filter");
         let (clock, rest) = state.split_first_chunk::<40>().ok_or_else(damaged)?;
+        let (checksum, rest) = rest.split_first_chunk::<4>().ok_or_else(damaged)?;
+        if u32::from_le_bytes(*checksum) != imufast_core::checksum(clock) {
+            return Err(damaged());
+        }
         let clock = Clock::from_bytes(clock).ok_or_else(damaged)?;
         let filter = Any::from_bytes(rest).ok_or_else(damaged)?;
         if with!(&filter, f => f.settings().rate_hz) != clock.rate_hz {
