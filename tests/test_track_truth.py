@@ -133,7 +133,8 @@ def test_biases_that_nobody_knows_are_within_the_standard_deviation(method: str)
 # The complementary filter's speed has a limit, and biases of several times their standard deviation come near it.
 @pytest.mark.parametrize(("method", "most"), [("mekf", 1.4), ("complementary", 4.0)])
 def test_biases_that_a_calibration_leaves_open_are_counted(method: str, most: float) -> None:
-    squares, trusting = [], []
+    squares: list[float] = []
+    trusting: list[float] = []
     for seed in range(8):
         biases = np.random.default_rng(seed).normal(0.0, 0.0087, (2, 3))
         sim = simulate_ball_joint(seed=seed, duration_s=40.0, gyr_bias1=biases[0], gyr_bias2=biases[1])
@@ -142,7 +143,7 @@ def test_biases_that_a_calibration_leaves_open_are_counted(method: str, most: fl
         for std, values in ((0.0087, squares), (0.0, trusting)):
             calibration = replace(found, gyr_bias1=zero, gyr_bias2=zero, gyr_bias_std=std, relative_gyr_bias_std=None)
             result = track(sim.imu1, sim.imu2, calibration, method)
-            values.append(np.mean((apart_deg(result.q_12, sim.q_12) / result.angle_std_deg)[500:] ** 2))
+            values.append(float(np.mean((apart_deg(result.q_12, sim.q_12) / result.angle_std_deg)[500:] ** 2)))
     assert 0.2 < np.mean(squares) < most
     assert np.mean(trusting) > 2.0 * np.mean(squares)
 
