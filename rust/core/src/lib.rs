@@ -18,7 +18,7 @@
 //!
 //! | module | holds |
 //! | --- | --- |
-//! | [`so3`] | tangent planes of the unit sphere |
+//! | [`so3`] | tangent planes of the unit sphere, Jacobian of the exponential map |
 //! | [`lowpass`] | the one low-pass: a symmetric FIR with stated delay |
 //! | [`condition`] | even time, low-pass, breaks: what comes before any algorithm |
 //! | [`held`] | rows that stand for lost packets |
@@ -29,9 +29,11 @@
 //! | [`orientation`] | relative orientation, Remmerswaal et al. 2021 |
 //! | [`hinge`] | hinge axis, Olsson et al. 2020 |
 //! | [`joint_center`] | joint centre, Olsson & Halvorsen 2017 |
+//! | [`body`] | lower body, McGrath & Stirling 2020 |
 #![cfg_attr(not(feature = "std"), no_std)]
 extern crate alloc;
 
+pub mod body;
 pub mod condition;
 pub mod held;
 pub mod hinge;

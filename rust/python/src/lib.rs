@@ -2,6 +2,7 @@
 
 mod arrays;
 mod blocks;
+mod body;
 mod center;
 mod hinge;
 mod orientation;
@@ -15,6 +16,8 @@ use pyo3::prelude::*;
 /// Numerical core of imufast.
 #[pymodule]
 mod _core {
+    #[pymodule_export]
+    use super::body::{BodyFit, BodyProblem};
     #[pymodule_export]
     use super::center::{CenterFit, CenterStream, fit_center, fit_center_linear};
     #[pymodule_export]

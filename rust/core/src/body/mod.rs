@@ -1,0 +1,40 @@
+//! Lower body from sensors on pelvis, thighs, shanks and feet: McGrath & Stirling 2020, as a maximum a posteriori estimate over
+//! a whole recording. Equation numbers without a year are of that paper.
+//!
+//! # Unknowns
+//!
+//! Of every sensor ten times a second ([`moments`]): orientation, velocity, position, gyroscope and accelerometer bias, 15
+//! numbers, so 105 for seven sensors ([`states`]). Of the body: each joint's centre as seen from the sensors on either side (36
+//! numbers), and each knee's axis in thigh and shank (8). The paper also estimates the angular rate at every moment (21 more);
+//! it enters only linearly and only into the hinge, so it is eliminated beforehand, exactly where both axes agree
+//! ([`factors::hinge`]).
+//!
+//! Orientations are moved on the right, `R Exp(φ)`; velocity and position in the world, by sums (the paper's poses move together
+//! in SE(3): the same minimum); axes on the tangent plane of the sphere. World z is up.
+//!
+//! # Terms
+//!
+//! One file each in [`factors`], all with analytic derivatives: dynamics by preintegration ([`preintegration`]), random walk of
+//! the biases, hinge, joint centre, and of the body alone length, limits, difference, and angle of axis and bone. Joint centres
+//! and hinges may have Student's t ([`loss`]): soft tissue enters there.
+//!
+//! # Solution
+//!
+//! Moment by moment the normal equations are a chain of dense blocks with a border of 44 constants ([`band`]): every moment is
+//! tied to the next sensor by sensor only, and eliminating one fills the next completely (the joints see to that), so a general
+//! sparse solver finds no more zeros than this order has. A block of 16×16 a sensor ([`tiles`]) keeps all of the work in a
+//! few kernels, which are compiled for 128, 256 and 512 bits and chosen when run. The coupling's being block diagonal halves the
+//! work against a general block tridiagonal matrix. Time and memory are linear in the recording's length.
+//!
+//! Levenberg–Marquardt with damping in physical units ([`solve`], [`assemble`]).
+
+pub mod assemble;
+pub mod band;
+pub mod factors;
+pub mod loss;
+pub mod model;
+pub mod moments;
+pub mod preintegration;
+pub mod solve;
+pub mod states;
+pub mod tiles;

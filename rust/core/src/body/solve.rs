@@ -1,0 +1,150 @@
+//! Levenberg–Marquardt (Moré 1978; Nielsen's rule for the damping): a step counts only where the true cost falls by a share of
+//! what the quadratic model promises, and only the promise of a nearly undamped step says that the minimum is reached.
+
+use alloc::vec::Vec;
+
+use super::{assemble::Problem, band::Band, states::State};
+
+/// Why the descent ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Status {
+    /// The next step would gain next to nothing.
+    Converged,
+    /// No shorter step lowered the cost, though one was predicted to.
+    Stalled,
+    /// The iterations ran out.
+    MaxIterations,
+    /// A number overflowed.
+    NumericalError,
+    /// The caller asked to stop.
+    Interrupted,
+}
+
+/// How to descend.
+#[derive(Clone, Copy, Debug)]
+pub struct Descent {
+    /// Most linear systems that are solved.
+    pub max_iterations: usize,
+    /// The descent ends where a step promises less than this, in log-likelihood.
+    pub tolerance: f64,
+    /// Damping to begin with, in units of [`super::assemble`]'s usual steps.
+    pub damping: f64,
+}
+
+impl Default for Descent {
+    fn default() -> Self {
+        Self { max_iterations: 60, tolerance: 1e-3, damping: 1e-3 }
+    }
+}
+
+/// One linear system.
+#[derive(Clone, Copy, Debug)]
+pub struct Trial {
+    /// Cost before it.
+    pub cost: f64,
+    /// Cost after its step; taken where it is lower.
+    pub tried: f64,
+    /// Fall of the cost that the damped quadratic model promised.
+    pub promised: f64,
+    /// Damping.
+    pub damping: f64,
+    /// Whether the step was taken.
+    pub taken: bool,
+}
+
+/// Where the descent ended.
+#[derive(Clone, Debug)]
+pub struct End {
+    /// The unknowns.
+    pub state: State,
+    /// Minus the logarithm of the posterior, up to a constant.
+    pub cost: f64,
+    /// Why.
+    pub status: Status,
+    /// The way.
+    pub trials: Vec<Trial>,
+}
+
+/// Up to this the damped step promises what the plain one would.
+const SLIGHT: f64 = 1e-2;
+const LEAST: f64 = 1e-9;
+const MOST: f64 = 1e12;
+/// A step must keep this share of its promise.
+const SHARE: f64 = 1e-3;
+
+/// Descends from `state`. `watch` is told of every trial and says whether to go on.
+pub fn minimise(problem: &Problem<'_>, state: State, descent: &Descent, watch: &mut dyn FnMut(&Trial) -> bool) -> End {
+    let model = problem.model;
+    let mut band = Band::new(problem.moments.len(), model.sensors, model.constants());
+    let mut state = state;
+    let mut cost = problem.cost(&state);
+    let mut trials: Vec<Trial> = Vec::new();
+    let (mut damping, mut growth) = (descent.damping, 2.0);
+    let status = loop {
+        if !cost.is_finite() {
+            break Status::NumericalError;
+        }
+        if trials.len() >= descent.max_iterations {
+            break Status::MaxIterations;
+        }
+        let Some((next, promised)) = step(problem, &state, damping, &mut band) else {
+            damping = (damping * 10.0).max(SLIGHT);
+            if damping > MOST {
+                break Status::NumericalError;
+            }
+            continue;
+        };
+        let tried = problem.cost(&next);
+        let (fall, slight) = (cost - tried, damping <= SLIGHT);
+        let taken = fall >= SHARE * promised && fall > 0.0;
+        let trial = Trial { cost, tried, promised, damping, taken };
+        trials.push(trial);
+        let go_on = watch(&trial);
+        if taken {
+            (state, cost) = (next, tried);
+            // Nielsen: 1 − (2ρ − 1)³, at least a tenth.
+            let ratio = 2.0 * fall / promised - 1.0;
+            damping = (damping * (1.0 - ratio * ratio * ratio).max(0.1)).max(LEAST);
+            growth = 2.0;
+            if slight && promised < descent.tolerance {
+                break Status::Converged;
+            }
+        } else {
+            // Where the promise is within the rounding of the cost, nobody can tell the points apart: that is the minimum.
+            if slight && promised < descent.tolerance.max(1e-12 * cost) {
+                break Status::Converged;
+            }
+            damping *= growth;
+            growth *= 2.0;
+            if damping > MOST {
+                break Status::Stalled;
+            }
+        }
+        if !go_on {
+            break Status::Interrupted;
+        }
+    };
+    End { state, cost, status, trials }
+}
+
+/// The damped Gauss–Newton step from `state`, and the fall of the cost that it promises; None where the system is not positive
+/// definite.
+fn step(problem: &Problem<'_>, state: &State, damping: f64, band: &mut Band) -> Option<(State, f64)> {
+    if !eliminated(problem, state, damping, band) {
+        return None;
+    }
+    let solution = band.solve()?;
+    // gᵀ(H + D)⁻¹g/2 is the promise of the damped model; that of the plain one, which the cost follows, is more by δᵀDδ/2.
+    let extra = problem.damped(damping, &solution.steps, &solution.border);
+    let promised = 0.5 * solution.decrement + 0.5 * extra;
+    promised.is_finite().then(|| (state.moved(problem.model, &solution.steps, &solution.border), promised))
+}
+
+/// Linearises and eliminates, moment by moment.
+pub fn eliminated(problem: &Problem<'_>, state: &State, damping: f64, band: &mut Band) -> bool {
+    problem.begin(state, damping, band);
+    (0..problem.moments.len()).all(|k| {
+        problem.node(k, state, damping, band);
+        band.eliminate(k)
+    })
+}

@@ -1,0 +1,89 @@
+//! The banded solution against a dense one.
+
+use imufast_core::body::{
+    band::{Band, triangle, upper},
+    tiles::N,
+};
+use nalgebra::{DMatrix, DVector};
+
+use crate::data::Random;
+
+/// Residuals of single nodes, of a sensor at neighbouring nodes, and of the border; the same dense.
+fn system(
+    count: usize,
+    sensors: usize,
+    constants: usize,
+    broken: usize,
+    random: &mut Random,
+) -> (Band, DMatrix<f64>, DVector<f64>) {
+    let (rows, size) = (sensors * N, count * sensors * N + constants);
+    let mut h = DMatrix::identity(size, size) * 0.3;
+    let border = count * rows;
+    for k in 0..count {
+        let j = DMatrix::from_fn(7, size, |_, c| if c >= border || c / rows == k { 0.4 * random.normal() } else { 0.0 });
+        h += j.tr_mul(&j);
+        for s in 0..sensors {
+            let from = k * rows + s * N;
+            let mine = |c: usize| (c >= from && c < from + N) || (c >= from + rows && c < from + rows + N);
+            if k + 1 < count && k != broken {
+                let j = DMatrix::from_fn(5, size, |_, c| if c < border && mine(c) { random.normal() } else { 0.0 });
+                h += j.tr_mul(&j);
+            }
+        }
+    }
+    let g = DVector::from_fn(size, |_, _| random.normal());
+    let mut band = Band::new(count, sensors, constants);
+    let (tile, column) = band.gradient_place();
+    for k in 0..count {
+        band.linked[k] = k + 1 < count && k != broken;
+        for j in 0..sensors {
+            let at = k * rows + j * N;
+            for i in 0..=j {
+                let target = &mut band.diagonal[k * triangle(sensors) + upper(i, j)];
+                target.0 = core::array::from_fn(|a| core::array::from_fn(|b| h[(k * rows + i * N + a, at + b)]));
+            }
+            if band.linked[k] {
+                band.next[k * sensors + j].0 = core::array::from_fn(|a| core::array::from_fn(|b| h[(at + a, at + rows + b)]));
+            }
+            for c in 0..constants {
+                let target = &mut band.border[(k * sensors + j) * band.wide + c / N];
+                (0..N).for_each(|a| target.0[a][c % N] = h[(at + a, border + c)]);
+            }
+            let target = &mut band.border[(k * sensors + j) * band.wide + tile];
+            (0..N).for_each(|a| target.0[a][column] = g[at + a]);
+        }
+    }
+    for j in 0..constants {
+        for i in 0..=j {
+            band.corner[upper(i / N, j / N)].0[i % N][j % N] = h[(border + i, border + j)];
+        }
+        band.corner[upper(j / N, tile)].0[j % N][column] = g[border + j];
+    }
+    (band, h, g)
+}
+
+#[test]
+fn the_step_and_its_promise_are_those_of_the_dense_system() {
+    let mut random = Random(11);
+    for (count, sensors, constants, broken) in [(5, 3, 20, 9), (6, 2, 15, 2), (4, 1, 0, 9), (3, 2, 16, 0)] {
+        let (mut band, h, g) = system(count, sensors, constants, broken, &mut random);
+        assert!((0..count).all(|k| band.eliminate(k)));
+        let found = band.solve().expect("it is positive definite");
+        let expected = -h.clone().cholesky().expect("it is positive definite").solve(&g);
+        let size = count * sensors * N;
+        for k in 0..size {
+            assert!((found.steps[k] - expected[k]).abs() < 1e-10, "{k}: {} {}", found.steps[k], expected[k]);
+        }
+        (0..constants).for_each(|k| assert!((found.border[k] - expected[size + k]).abs() < 1e-10));
+        assert!((found.decrement + g.dot(&expected)).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn what_is_not_positive_definite_is_refused() {
+    let mut random = Random(12);
+    let (mut band, ..) = system(3, 2, 5, 9, &mut random);
+    band.diagonal[triangle(2)].0[4][4] = -1.0;
+    assert!(band.eliminate(0));
+    assert!(!band.eliminate(1));
+}
