@@ -8,6 +8,7 @@ use imufast_core::{
         moments::{Moments, Readings, Sampling, Spacing},
         solve::{Descent, End, Status, Trial, minimise},
         states::{Motion, State},
+        uncertainty::{Uncertainty, uncertainty},
     },
 };
 use numpy::{
@@ -60,6 +61,12 @@ pub struct BodyFit {
     cost: f64,
     /// (T, 5): cost, tried, promised, damping, taken.
     trials: Py<PyArray2<f64>>,
+    /// (K, J, 36): 6 x 6 by rows, of the rotation vectors by which a joint's two sensors may be turned in the world, rad²; None where the curvature says nothing.
+    joint_covariance: Option<Py<PyArray3<f64>>>,
+    /// (K, J * 6, C): the same six with all constants.
+    joint_constants: Option<Py<PyArray3<f64>>>,
+    /// (C, C) of the constants: centres (J, 2, 3), then two tangent directions of each hinge's axis on either side.
+    constants_covariance: Option<Py<PyArray2<f64>>>,
 }
 
 #[pymethods]
@@ -157,7 +164,7 @@ impl BodyProblem {
 
     /// The most probable state from a start: `q` (K, S, 4), `velocity`, `position`, `gyr_bias`, `acc_bias` (K, S, 3), `centers`,
     /// `axes` (J, 2, 3). `watch`, where given, is called with (trial, cost, promised, damping) and may raise to stop.
-    #[pyo3(signature = (q, velocity, position, gyr_bias, acc_bias, centers, axes, descent, watch=None))]
+    #[pyo3(signature = (q, velocity, position, gyr_bias, acc_bias, centers, axes, descent, covariance, watch=None))]
     #[expect(clippy::too_many_arguments, reason = "one call from one place in Python, all by position")]
     fn minimise(
         &self,
@@ -170,6 +177,7 @@ impl BodyProblem {
         centers: PyReadonlyArray3<'_, f64>,
         axes: PyReadonlyArray3<'_, f64>,
         descent: (usize, f64, f64),
+        covariance: bool,
         watch: Option<Py<PyAny>>,
     ) -> PyResult<BodyFit> {
         let (moments, sensors, joints) = (self.moments.len(), self.model.sensors, self.model.joints.len());
@@ -211,7 +219,7 @@ impl BodyProblem {
         let (max_iterations, tolerance, damping) = descent;
         let descent = Descent { max_iterations, tolerance, damping };
         let mut raised: Option<PyErr> = None;
-        let end = py.detach(|| {
+        let (end, known) = py.detach(|| {
             let problem = Problem::new(&self.model, &self.moments, &start);
             let mut number = 0;
             let mut told = |trial: &Trial| {
@@ -227,20 +235,31 @@ impl BodyProblem {
                 });
                 heard.map_err(|error| raised = Some(error)).is_ok()
             };
-            minimise(&problem, start.clone(), &descent, &mut told)
+            let end = minimise(&problem, start.clone(), &descent, &mut told);
+            let wanted = covariance && end.status != Status::Interrupted;
+            let known = if wanted { uncertainty(&problem, &end.state) } else { None };
+            (end, known)
         });
         match raised {
             Some(error) => Err(error),
             None if end.status == Status::Interrupted => {
                 Err(PyKeyboardInterrupt::new_err("stopped while the body was searched for"))
             }
-            None => self.fit(py, &end),
+            None => self.fit(py, &end, known),
         }
     }
 }
 
 impl BodyProblem {
-    fn fit(&self, py: Python<'_>, end: &End) -> PyResult<BodyFit> {
+    fn fit(&self, py: Python<'_>, end: &End, known: Option<Uncertainty>) -> PyResult<BodyFit> {
+        let (mut joint_covariance, mut joint_constants, mut constants_covariance) = (None, None, None);
+        if let Some(known) = known {
+            let (joints, constants) = (self.model.joints.len(), self.model.constants());
+            joint_covariance = Some(cube(py, joints, known.joints.into_iter())?);
+            joint_constants = Some(shaped(py, (self.moments.len(), 6 * joints, constants), known.beside)?);
+            let square = Array2::from_shape_vec((constants, constants), known.constants);
+            constants_covariance = Some(square.map_err(|e| PyValueError::new_err(e.to_string()))?.into_pyarray(py).unbind());
+        }
         let state = &end.state;
         let of = |get: fn(&Motion) -> Vector3<f64>| cube(py, self.model.sensors, state.motions.iter().map(|m| get(m).into()));
         let pairs = |pairs: &[[Vector3<f64>; 2]]| cube(py, 2, pairs.iter().flatten().map(|v| (*v).into()));
@@ -259,6 +278,9 @@ impl BodyProblem {
             status: status_name(end.status),
             cost: end.cost,
             trials: trials.map_err(|e| PyValueError::new_err(e.to_string()))?.into_pyarray(py).unbind(),
+            joint_covariance,
+            joint_constants,
+            constants_covariance,
         })
     }
 }
@@ -266,7 +288,11 @@ impl BodyProblem {
 /// Rows of W numbers as (rows / middle, middle, W).
 fn cube<const W: usize>(py: Python<'_>, middle: usize, rows: impl Iterator<Item = [f64; W]>) -> PyResult<Py<PyArray3<f64>>> {
     let rows: Vec<[f64; W]> = rows.collect();
-    let array = Array3::from_shape_vec((rows.len() / middle.max(1), middle, W), rows.into_flattened());
+    shaped(py, (rows.len() / middle.max(1), middle, W), rows.into_flattened())
+}
+
+fn shaped(py: Python<'_>, shape: (usize, usize, usize), values: Vec<f64>) -> PyResult<Py<PyArray3<f64>>> {
+    let array = Array3::from_shape_vec(shape, values);
     Ok(array.map_err(|e| PyValueError::new_err(e.to_string()))?.into_pyarray(py).unbind())
 }
 

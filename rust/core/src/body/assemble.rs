@@ -197,7 +197,11 @@ impl Problem<'_> {
                     }
                 }
                 let Some(link) = &self.moments.links[k * s + i] else { continue };
-                let (residual, blocks) = imu::linearised(&link.pre, &here[i], &after[i], self.model.gravity);
+                let (residual, mut blocks) = imu::linearised(&link.pre, &here[i], &after[i], self.model.gravity);
+                for row in &mut blocks {
+                    row[0] *= here[i].turn.transpose();
+                    row[5] *= after[i].turn.transpose();
+                }
                 let (mut from, mut to) = ([[0.0; N]; 9], [[0.0; N]; 9]);
                 for (r, blocks) in blocks.iter().enumerate() {
                     for (c, block) in blocks.iter().enumerate() {
@@ -224,15 +228,15 @@ impl Problem<'_> {
         }
         if let Some((_, gauge)) = self.gauges.iter().find(|(at, _)| *at == k) {
             let weight = 1.0 / (noise.gauge * noise.gauge);
-            let (e, turn) = (gauge.heading_residual(&here[0]), gauge.heading_turn(&here[0]));
+            let at = &here[0];
+            let (e, turn) = (gauge.heading_residual(at), at.turn * gauge.heading_turn(at));
             let tile = &mut band.diagonal[k * tri].0;
             for a in 0..3 {
                 (0..3).for_each(|b| tile[TURN + a][TURN + b] += weight * turn[a] * turn[b]);
                 push(&mut band.border, k, 0, TURN + a, weight * turn[a] * e);
-                for (at, off) in [(POSITION, here[0].position - gauge.position), (VELOCITY, here[0].velocity - gauge.velocity)]
-                {
-                    tile[at + a][at + a] += weight;
-                    push(&mut band.border, k, 0, at + a, weight * off[a]);
+                for (place, off) in [(POSITION, at.position - gauge.position), (VELOCITY, at.velocity - gauge.velocity)] {
+                    tile[place + a][place + a] += weight;
+                    push(&mut band.border, k, 0, place + a, weight * off[a]);
                 }
             }
         }
@@ -271,7 +275,7 @@ impl Problem<'_> {
         let white = Matrix3::from_diagonal(&(inverse * ComplexField::sqrt(weight)));
         rows.open(&(white * center.residual));
         for (side, sign) in [(0, 1.0), (1, -1.0)] {
-            rows.put(side, TURN, &(white * center.turns[side]));
+            rows.put(side, TURN, &(white * center.turns[side] * [a, b][side].turn.transpose()));
             rows.put(side, POSITION, &(white * sign));
             rows.put_wide(model.center_at(j, side), &(white * center.centers[side]));
         }
@@ -288,7 +292,7 @@ impl Problem<'_> {
                 let white = ComplexField::sqrt(precision * loss.weight(precision * one.residual.norm_squared()));
                 rows.open(&(one.residual * white));
                 for (n, place) in [side, 1 - side].into_iter().enumerate() {
-                    rows.put(place, TURN, &(one.turns[n] * white));
+                    rows.put(place, TURN, &(one.turns[n] * [a, b][place].turn.transpose() * white));
                     rows.put(place, GYR_BIAS, &(one.biases[n] * white));
                 }
                 rows.put_pair(model.axis_at(j, side), &(one.axis * white));
@@ -298,7 +302,7 @@ impl Problem<'_> {
                 let white = ComplexField::sqrt(loss.weight(both.residual.norm_squared() / (std * std))) / std;
                 rows.open(&(both.residual * white));
                 for side in 0..2 {
-                    rows.put(side, TURN, &(both.turns[side] * white));
+                    rows.put(side, TURN, &(both.turns[side] * [a, b][side].turn.transpose() * white));
                     rows.put_pair(model.axis_at(j, side), &(both.axes[side] * white));
                 }
             }

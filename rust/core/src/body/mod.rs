@@ -9,8 +9,9 @@
 //! it enters only linearly and only into the hinge, so it is eliminated beforehand, exactly where both axes agree
 //! ([`factors::hinge`]).
 //!
-//! Orientations are moved on the right, `R Exp(φ)`; velocity and position in the world, by sums (the paper's poses move together
-//! in SE(3): the same minimum); axes on the tangent plane of the sphere. World z is up.
+//! Orientation, velocity and position of a sensor are moved together, from the left, by the exponential map of SE₂(3)
+//! ([`states::Motion::moved`]); axes on the tangent plane of the sphere. World z is up. Parametrisation does not move the minimum
+//! but the way there: moved by sums, 90 s of the peer's simulation take 26 iterations, so moved ITERATIONS_HERE.
 //!
 //! # Terms
 //!
@@ -32,9 +33,11 @@ pub mod assemble;
 pub mod band;
 pub mod factors;
 pub mod loss;
+pub mod marginals;
 pub mod model;
 pub mod moments;
 pub mod preintegration;
 pub mod solve;
 pub mod states;
 pub mod tiles;
+pub mod uncertainty;

@@ -2,6 +2,7 @@
 
 use imufast_core::body::{
     band::{Band, triangle, upper},
+    marginals::marginals,
     tiles::N,
 };
 use nalgebra::{DMatrix, DVector};
@@ -86,4 +87,40 @@ fn what_is_not_positive_definite_is_refused() {
     band.diagonal[triangle(2)].0[4][4] = -1.0;
     assert!(band.eliminate(0));
     assert!(!band.eliminate(1));
+}
+
+#[test]
+fn marginals_are_blocks_of_the_inverse() {
+    let mut random = Random(13);
+    for (count, sensors, constants, broken) in [(4, 3, 20, 9), (4, 2, 15, 1), (3, 1, 0, 9), (3, 2, 16, 9)] {
+        let (mut band, h, _) = system(count, sensors, constants, broken, &mut random);
+        assert!((0..count).all(|k| band.eliminate(k)));
+        let inverse = h.try_inverse().expect("it is positive definite");
+        let border = count * sensors * N;
+        let mut seen = 0;
+        let covariance = marginals(&band, |k, marginal| {
+            seen += 1;
+            for i in 0..sensors {
+                for a in 0..N {
+                    let row = (k * sensors + i) * N + a;
+                    for j in 0..sensors {
+                        for b in 0..N {
+                            let expected = inverse[(row, (k * sensors + j) * N + b)];
+                            assert!((marginal.own([i, j], a, b) - expected).abs() < 1e-9);
+                        }
+                    }
+                    for c in 0..constants {
+                        assert!((marginal.beside(i, a, c) - inverse[(row, border + c)]).abs() < 1e-9);
+                    }
+                }
+            }
+        });
+        let covariance = covariance.expect("it is positive definite");
+        assert_eq!(seen, count);
+        for i in 0..constants {
+            for j in 0..constants {
+                assert!((covariance[i * constants + j] - inverse[(border + i, border + j)]).abs() < 1e-9);
+            }
+        }
+    }
 }

@@ -38,11 +38,20 @@ impl Random {
     }
 }
 
-/// The motion after a step in one of its 15 unknowns.
+/// The motion after a change of one of its 15 unknowns: on the right of the orientation, by a sum elsewhere.
 pub fn nudged(motion: &Motion, at: usize, by: f64) -> Motion {
-    let mut step = [0.0; 16];
-    step[at] = by;
-    motion.moved(&step)
+    let mut step = Vector3::zeros();
+    step[at % 3] = by;
+    let turned = Motion::turned(motion.q * UnitQuaternion::from_scaled_axis(step));
+    let mut moved = *motion;
+    match at / 3 {
+        0 => (moved.q, moved.turn) = (turned.q, turned.turn),
+        1 => moved.velocity += step,
+        2 => moved.position += step,
+        3 => moved.gyr_bias += step,
+        _ => moved.acc_bias += step,
+    }
+    moved
 }
 
 /// Central difference of a vector function.

@@ -1,0 +1,214 @@
+"""The peer on GTSAM beside us: the same simulated data, the same noise, and our solution put into the peer's own graph.
+
+    python benches/body/gtsam_peer.py [--duration 30] [--start peer|paper] [--seed 1]
+
+Needs gtsam and the peer's scripts: IMUFAST_PEERS, else ../shared/peers beside the project.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from imufast import _core
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+FOLDER = Path(os.environ.get("IMUFAST_PEERS", Path(__file__).resolve().parents[3] / "shared" / "peers"))
+sys.path.insert(0, str(FOLDER / "lower_body_gtsam"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import gtsam  # type: ignore[import-not-found]  # noqa: E402
+import ourinit  # type: ignore[import-not-found]  # noqa: E402
+import peer  # type: ignore[import-not-found]  # noqa: E402
+import pylm  # type: ignore[import-not-found]  # noqa: E402
+from measuring import one_core, refuse_debug_build, setting  # noqa: E402
+from simulate import JOINTS, NOM, SEG, Sim  # type: ignore[import-not-found]  # noqa: E402
+
+Array = NDArray[np.float64]
+LIMIT_STD = 1e-3
+
+
+def model(noise: dict[str, Any], tail: float = np.inf, center: float = np.inf) -> tuple[Any, ...]:
+    """Joints, bones, angles, differences and noise of the peer's graph, as our core takes them."""
+    number = {name: k for k, (name, _, _) in enumerate(JOINTS)}
+    joints = [
+        (a, b, list(noise[name[1:]]), noise["hinge"] if name.endswith("knee") else None, None) for name, a, b in JOINTS
+    ]
+    bones, angles = [], []
+    for side in "rl":
+        for k, (segment, upper, lower, bone) in enumerate(
+            ((f"{side}thigh", f"{side}hip", f"{side}knee", "femur"), (f"{side}shank", f"{side}knee", f"{side}ankle", "tibia"))
+        ):
+            mean, std, low, high = peer.LEN[bone]
+            bones.append(((number[upper], 1), (number[lower], 0), (mean, std), (low, high)))
+            mu, sigma = peer.MU[segment]
+            angles.append(((number[f"{side}knee"], k), len(bones) - 1, mu, sigma))
+    mean, std, low, high = peer.LEN["hip"]
+    bones.append(((number["rhip"], 0), (number["lhip"], 0), (mean, std), (low, high)))
+    differences = [(0, 2, noise["disc_f"]), (1, 3, noise["disc_t"])]
+    values = [noise[k] for k in ("gyr", "acc", "integ", "grw", "arw", "angvel", "bg0", "ba0")]
+    return joints, bones, angles, differences, [*values, center, 1e-3, tail]
+
+
+def problem(S: Any, noise: dict[str, Any], count: int, **more: float) -> Any:
+    """Ours, with the forces turned back by half a step: the peer turns them to the beginning of a step, we to its middle."""
+    n = (count - 1) * S.kf + 1
+    gyr = np.stack([S.gyr[g][:n] for g in SEG])
+    acc = np.stack([S.acc[g][:n] for g in SEG])
+    turned = Rotation.from_rotvec((-0.5 * S.dt * gyr).reshape(-1, 3)).apply(acc.reshape(-1, 3)).reshape(acc.shape)
+    time_s = np.arange(n) * S.dt
+    joints, bones, angles, differences, values = model(noise, **more)
+    return _core.BodyProblem(
+        time_s,
+        np.ascontiguousarray(gyr),
+        np.ascontiguousarray(turned),
+        S.rate,
+        True,
+        (S.kf, 1, 0.1),
+        np.zeros((7, 2, 3)),
+        joints,
+        bones,
+        angles,
+        differences,
+        values,
+        9.81,
+    )
+
+
+def solve(S: Any, body: Any, start: dict[str, Any], descent: tuple[int, float, float] = (200, 1e-3, 1e-3)) -> Any:
+    """From a start in the peer's terms."""
+    count = len(body.samples)
+    q = np.stack([Rotation.from_matrix(np.asarray(R)[:count]).as_quat(scalar_first=True) for R in start["R"]], axis=1)
+    zeros = np.zeros((count, 7, 3))
+    velocity = zeros if start.get("v") is None else np.stack([v[:count] for v in start["v"]], axis=1)
+    position = zeros if start.get("p") is None else np.stack([p[:count] for p in start["p"]], axis=1)
+    gyr_bias = zeros if start.get("bg") is None else np.tile(np.stack(start["bg"]), (count, 1, 1))
+    centers = np.stack([[start["s"][SEG[a], name], start["s"][SEG[b], name]] for name, a, b in JOINTS])
+    unused = np.array([1.0, 0.0, 0.0])
+    axes = np.stack([[start["r"].get(SEG[a], unused), start["r"].get(SEG[b], unused)] for name, a, b in JOINTS])
+    arrays = [np.ascontiguousarray(x, dtype=np.float64) for x in (q, velocity, position, gyr_bias, zeros, centers, axes)]
+    return body.minimise(*arrays, descent, False)
+
+
+def into_graph(P: Any, S: Any, body: Any, fit: Any) -> Any:
+    """Our solution as the peer's values: turned and moved to the peer's gauge, with the best angular rates."""
+    nz = P.nz
+    R = Rotation.from_quat(fit.q.reshape(-1, 4), scalar_first=True).as_matrix().reshape(*fit.q.shape[:2], 3, 3)
+    ahead = R[0, 0] @ (NOM["pelvis"].T @ np.array([0.0, 1.0, 0.0]))
+    turn = np.pi / 2 - np.arctan2(ahead[1], ahead[0])
+    Z = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
+    t = np.arange(len(R))[:, None, None] * S.kf * S.dt
+    R = Z @ R
+    # A constant velocity is as free as a place.
+    v0 = fit.velocity[0, 0]
+    v = (fit.velocity - v0) @ Z.T
+    p = (fit.position - fit.position[0, 0] - v0 * t) @ Z.T
+    w = np.stack([P.wmeas[i] for i in range(7)], axis=1)[: len(R)] - fit.gyr_bias
+    for j, (name, a, b) in enumerate(JOINTS):
+        if name.endswith("knee"):
+            w[:, [a, b]] = best_rates(R[:, a], R[:, b], w[:, a], w[:, b], fit.axes[j], nz["angvel"], nz["hinge"])
+    val = gtsam.Values()
+    for i in range(7):
+        for k in range(len(R)):
+            val.insert(peer.X(i, k), gtsam.Pose3(gtsam.Rot3(R[k, i]), p[k, i]))
+            val.insert(peer.V(i, k), v[k, i])
+            val.insert(peer.B(i, k), gtsam.imuBias.ConstantBias(fit.acc_bias[k, i], fit.gyr_bias[k, i]))
+            val.insert(peer.W(i, k), w[k, i])
+    for j, (name, a, b) in enumerate(JOINTS):
+        for side, i in enumerate((a, b)):
+            val.insert(peer.SV(SEG[i], name), fit.centers[j, side])
+            if name.endswith("knee"):
+                val.insert(peer.RV(SEG[i]), gtsam.Unit3(fit.axes[j, side]))
+    return val
+
+
+def best_rates(Ra: Array, Rb: Array, wa: Array, wb: Array, axes: Array, rate_std: float, hinge_std: float) -> Array:
+    """The angular rates that eqs 4 and 9 like best: a linear least-squares problem of six unknowns a moment."""
+    out = np.empty((len(Ra), 2, 3))
+    Pa, Pb = (np.eye(3) - np.outer(r, r) for r in axes)
+    for k in range(len(Ra)):
+        ab = Ra[k].T @ Rb[k]
+        J = np.block([[-Pa, Pa @ ab], [Pb @ ab.T, -Pb]]) / hinge_std
+        A = np.vstack([J, np.eye(6) / rate_std])
+        y = np.concatenate([np.zeros(6), wa[k] / rate_std, wb[k] / rate_std])
+        out[k] = np.linalg.lstsq(A, y, rcond=None)[0].reshape(2, 3)
+    return out
+
+
+def starts(S: Any, kind: str) -> tuple[dict[str, Any], float]:
+    """The peer's fullest start, or the paper's (R = I and zeros), and the time it takes."""
+    t = time.perf_counter()
+    s, r = peer.nominal()
+    if kind == "paper":
+        eye = np.tile(np.eye(3), (S.K, 1, 1))
+        return {"R": [eye] * 7, "s": s, "r": r, "bg": None}, 0.0
+    R, bg = ourinit.orient(S)
+    R = ourinit.head_nominal(R)
+    r = ourinit.knee_axis(S, bg, r)
+    R = ourinit.head_knee(R, r)
+    s = ourinit.lever(S, bg, s)
+    R, _ = ourinit.head_joint(S, R, s, bg, joints=("rhip", "lhip", "rankle", "lankle"))
+    R = ourinit.head_knee(R, r)
+    p, v = ourinit.positions(S, R, s)
+    pp, vv = ourinit.pelvis_pos(S, R, bg)
+    start = {"R": R, "p": [x + pp for x in p], "v": [x + vv for x in v], "s": s, "r": r, "bg": bg}
+    return start, time.perf_counter() - t
+
+
+def main() -> None:
+    ask = argparse.ArgumentParser()
+    ask.add_argument("--duration", type=float, default=30.0)
+    ask.add_argument("--start", choices=("peer", "paper"), default="peer")
+    ask.add_argument("--seed", type=int, default=1)
+    ask.add_argument("--sta", type=float, default=0.0)
+    ask.add_argument("--ours-only", action="store_true")
+    ask.add_argument("--peer-seconds", type=float, default=400.0)
+    ask.add_argument("--tail", type=float, default=np.inf)
+    asked = ask.parse_args()
+    refuse_debug_build()
+    print(setting())
+    S = Sim(asked.duration, seed=asked.seed, sta=asked.sta)
+    start, seconds = starts(S, asked.start)
+    print(f"start {asked.start}: {seconds:.2f} s")
+    t = time.perf_counter()
+    body = problem(S, peer.MATCHED, S.K, tail=asked.tail)
+    made = time.perf_counter() - t
+    t = time.perf_counter()
+    fit = solve(S, body, start)
+    took = time.perf_counter() - t
+    trials = fit.trials
+    print(
+        f"ours: {fit.status} cost {fit.cost:.6g} in {len(trials)} iterations ({int(trials[:, 4].sum())} taken), "
+        f"{made:.2f} s preintegration, {took:.2f} s search, {took / len(trials):.3f} s an iteration"
+    )
+    for row in trials[:60]:
+        print("   cost %.7g tried %.7g promised %.3g damping %.1e taken %d" % tuple(row))
+    t = time.perf_counter()
+    P = peer.Problem(S, peer.MATCHED, gyro_bias0=start["bg"])
+    built = time.perf_counter() - t
+    val = into_graph(P, S, body, fit)
+    print(f"our solution in the peer's graph: {P.graph.error(val):.6g}")
+    # The peer integrates rotations in their tangent space, 1e-4 rad off over a tenth of a second at 450 deg/s; one step of its own
+    # loop takes our solution to its increments.
+    step = pylm.PyLM(P.graph, val).run(val, maxit=1, verbose=False)
+    print(f"   ...after one step of the peer's loop: {P.graph.error(step):.6g}")
+    peer.evaluate(P, P.read(val), "ours")
+    if asked.ours_only:
+        return
+    values = P.values(R=start["R"], p=start.get("p"), v=start.get("v"), bg=start["bg"], s=start["s"], r=start["r"])
+    t = time.perf_counter()
+    loop = pylm.PyLM(P.graph, values)
+    found = loop.run(values, rel=1e-4, tmax=asked.peer_seconds)
+    print(f"peer: {P.graph.error(found):.6g}, build {built:.1f} s, search {time.perf_counter() - t:.1f} s")
+    peer.evaluate(P, P.read(found), "peer")
+
+
+if __name__ == "__main__":
+    one_core()
+    main()
