@@ -9,9 +9,10 @@
 //! it enters only linearly and only into the hinge, so it is eliminated beforehand, exactly where both axes agree
 //! ([`factors::hinge`]).
 //!
-//! Orientation, velocity and position of a sensor are moved together, from the left, by the exponential map of SE₂(3)
-//! ([`states::Motion::moved`]); axes on the tangent plane of the sphere. World z is up. Parametrisation does not move the minimum
-//! but the way there: moved by sums, 90 s of the peer's simulation take 26 iterations, so moved ITERATIONS_HERE.
+//! Orientations are turned from the left, `R ← Exp(φ) R`, axes moved on the tangent plane of the sphere, all else by sums. World z
+//! is up. Parametrisation moves not the minimum but the way there, and two that look better are worse: SE₂(3) from the left,
+//! in which dynamics are exactly linear, and the bending of velocity and position by `J_l(φ)` alone took 16 to 18 iterations on
+//! 30 s of the peer's simulation, sums take 9.
 //!
 //! # Terms
 //!
@@ -27,7 +28,8 @@
 //! few kernels, which are compiled for 128, 256 and 512 bits and chosen when run. The coupling's being block diagonal halves the
 //! work against a general block tridiagonal matrix. Time and memory are linear in the recording's length.
 //!
-//! Levenberg–Marquardt with damping in physical units ([`solve`], [`assemble`]).
+//! Levenberg–Marquardt with damping in physical units, which may climb for one step where the next leads below where it
+//! was ([`solve`], [`assemble`]).
 
 pub mod assemble;
 pub mod band;

@@ -73,6 +73,10 @@ const MOST: f64 = 1e12;
 const SHARE: f64 = 1e-3;
 
 /// Descends from `state`. `watch` is told of every trial and says whether to go on.
+///
+/// The posterior has a long bent valley, tilt with drift: a full step along it climbs its side, and the next ones slide down to
+/// its floor. So a step that is hardly damped and climbs is followed by others as long as each at least halves the climb, and
+/// undone where they do not end below its beginning.
 pub fn minimise(problem: &Problem<'_>, state: State, descent: &Descent, watch: &mut dyn FnMut(&Trial) -> bool) -> End {
     let model = problem.model;
     let mut band = Band::new(problem.moments.len(), model.sensors, model.constants());
@@ -80,6 +84,8 @@ pub fn minimise(problem: &Problem<'_>, state: State, descent: &Descent, watch: &
     let mut cost = problem.cost(&state);
     let mut trials: Vec<Trial> = Vec::new();
     let (mut damping, mut growth) = (descent.damping, 2.0);
+    // Where a step has climbed to, what the first one promised, and how far above the best it ended.
+    let mut ahead: Option<(State, f64, f64)> = None;
     let status = loop {
         if !cost.is_finite() {
             break Status::NumericalError;
@@ -87,7 +93,9 @@ pub fn minimise(problem: &Problem<'_>, state: State, descent: &Descent, watch: &
         if trials.len() >= descent.max_iterations {
             break Status::MaxIterations;
         }
-        let Some((next, promised)) = step(problem, &state, damping, &mut band) else {
+        let from = ahead.as_ref().map_or(&state, |(there, ..)| there);
+        let Some((next, promised)) = step(problem, from, damping, &mut band) else {
+            ahead = None;
             damping = (damping * 10.0).max(SLIGHT);
             if damping > MOST {
                 break Status::NumericalError;
@@ -95,29 +103,38 @@ pub fn minimise(problem: &Problem<'_>, state: State, descent: &Descent, watch: &
             continue;
         };
         let tried = problem.cost(&next);
+        let second = ahead.take();
+        let promised_before = second.as_ref().map_or(promised, |(_, first, _)| *first);
         let (fall, slight) = (cost - tried, damping <= SLIGHT);
-        let taken = fall >= SHARE * promised && fall > 0.0;
+        let taken = fall >= SHARE * promised_before && fall > 0.0;
         let trial = Trial { cost, tried, promised, damping, taken };
         trials.push(trial);
         let go_on = watch(&trial);
         if taken {
             (state, cost) = (next, tried);
-            // Nielsen: 1 − (2ρ − 1)³, at least a tenth.
-            let ratio = 2.0 * fall / promised - 1.0;
-            damping = (damping * (1.0 - ratio * ratio * ratio).max(0.1)).max(LEAST);
+            // Nielsen: 1 − (2ρ − 1)³, at least a tenth; after a climb things stay as they are.
+            if second.is_none() {
+                let ratio = 2.0 * fall / promised - 1.0;
+                damping = (damping * (1.0 - ratio * ratio * ratio).max(0.1)).max(LEAST);
+            }
             growth = 2.0;
-            if slight && promised < descent.tolerance {
+            if slight && second.is_none() && promised < descent.tolerance {
                 break Status::Converged;
             }
         } else {
             // Where the promise is within the rounding of the cost, nobody can tell the points apart: that is the minimum.
-            if slight && promised < descent.tolerance.max(1e-12 * cost) {
+            if slight && second.is_none() && promised < descent.tolerance.max(1e-12 * cost) {
                 break Status::Converged;
             }
-            damping *= growth;
-            growth *= 2.0;
-            if damping > MOST {
-                break Status::Stalled;
+            let above = second.as_ref().map_or(f64::INFINITY, |(.., above)| 0.5 * above);
+            if slight && -fall < above {
+                ahead = Some((next, promised_before, -fall));
+            } else {
+                damping *= growth;
+                growth *= 2.0;
+                if damping > MOST {
+                    break Status::Stalled;
+                }
             }
         }
         if !go_on {

@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 use nalgebra::{Matrix3, UnitQuaternion, Vector2, Vector3};
 
 use super::{model::Model, tiles::N};
-use crate::so3::{retract, right_jacobian, tangent_basis};
+use crate::so3::{retract, tangent_basis};
 
 /// Places of a sensor's unknowns in its tile; one place stays empty.
 pub const TURN: usize = 0;
@@ -44,23 +44,17 @@ impl Motion {
         Self { q, turn, velocity: zero, position: zero, gyr_bias: zero, acc_bias: zero }
     }
 
-    /// Moved by the 15 numbers of a step: `R ← Exp(φ) R`, `v ← v + J_l(φ) ν`, `p ← p + J_l(φ) π`, biases by sums.
-    ///
-    /// `J_l` is there for the one weak direction that always exists, tilt with drift: a sensor tilted by φ sees gravity pull it
-    /// by `(Exp(φ) − 1) g t = J_l(φ) (φ × g t)`, which is so a straight line in (φ, ν, π). Turning v and p with the orientation,
-    /// as SE₂(3) does, would make it exact, but bends what matters more: sensors that turn against each other.
+    /// Moved by the 15 numbers of a step: `R ← Exp(φ) R`, all else by sums.
     pub fn moved(&self, step: &[f64]) -> Self {
         let part = |at: usize| Vector3::new(step[at], step[at + 1], step[at + 2]);
-        let phi = part(TURN);
-        let turned = UnitQuaternion::from_scaled_axis(phi);
-        let bent = right_jacobian(&-phi);
+        let turned = UnitQuaternion::from_scaled_axis(part(TURN));
         let mut q = turned * self.q;
         q.renormalize();
         Self {
             q,
             turn: q.to_rotation_matrix().into_inner(),
-            velocity: self.velocity + bent * part(VELOCITY),
-            position: self.position + bent * part(POSITION),
+            velocity: self.velocity + part(VELOCITY),
+            position: self.position + part(POSITION),
             gyr_bias: self.gyr_bias + part(GYR_BIAS),
             acc_bias: self.acc_bias + part(ACC_BIAS),
         }

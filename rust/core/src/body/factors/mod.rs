@@ -1,7 +1,7 @@
 //! The terms of the posterior, one file each: the residual, and its derivatives by the unknowns that it depends on.
 //!
 //! Here rotations are moved on the right, `R Exp(φ)`; unit vectors in the basis of [`crate::so3::tangent_basis`]; all else by
-//! sums. A step of the solver turns from the left ([`super::states::Motion::moved`]).
+//! sums. A step of the solver turns from the left, which is `Rᵀ` of it ([`super::states::Motion::moved`]).
 
 pub mod axes_agree;
 pub mod axis_angle;
