@@ -1,0 +1,141 @@
+"""What is known of bodies beforehand, and how sure the lower-body estimate is of its sensors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from imufast.errors import SettingsError
+from imufast.settings import Checked, check_number
+
+__all__ = ["Anthropometry", "LowerBodySettings"]
+
+PAIRS = ("femur_m", "tibia_m", "hips_m", "femur_axis_deg", "tibia_axis_deg")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Anthropometry:
+    """Lengths and angles of a subject, as (mean, standard deviation); defaults are those of McGrath & Stirling 2020.
+
+    Args:
+        femur_m: hip to knee, m; default (0.394, 0.030), Table 2 (ANSUR II).
+        tibia_m: knee to ankle, m; default (0.411, 0.026).
+        hips_m: between the hips, m; default (0.187, 0.009).
+        femur_axis_deg: angle of the knee's axis, pointing to the right, with the right femur from knee to hip, degrees; default
+            (84, 2.4), Table 1 (Hollister 1993). The left leg is its mirror image, 180 less that.
+        tibia_axis_deg: with the right tibia from ankle to knee, degrees; default (92, 1.2).
+        femur_difference_m, tibia_difference_m: standard deviation of right against left, m; default 0.008 and 0.006 (2.2.7).
+        limits: whether lengths beyond those of nearly everybody are pushed back (eq. 14: femur 0.326 to 0.480, tibia 0.344 to
+            0.479, hips up to 0.409 m); default True. Turn it off for children.
+
+    Raises:
+        SettingsError: a value that is no pair of numbers in range; the message names it.
+    """
+
+    femur_m: tuple[float, float] = (0.394, 0.030)
+    tibia_m: tuple[float, float] = (0.411, 0.026)
+    hips_m: tuple[float, float] = (0.187, 0.009)
+    femur_axis_deg: tuple[float, float] = (84.0, 2.4)
+    tibia_axis_deg: tuple[float, float] = (92.0, 1.2)
+    femur_difference_m: float = 0.008
+    tibia_difference_m: float = 0.006
+    limits: bool = True
+
+    def __post_init__(self) -> None:
+        for name in PAIRS:
+            pair = getattr(self, name)
+            if not isinstance(pair, (tuple, list)) or len(pair) != 2:
+                raise SettingsError(f"{name} must be (mean, standard deviation), got {pair!r}")
+            low, high = (0.02, 2.0) if name.endswith("_m") else (45.0, 135.0)
+            mean = check_number(f"{name}[0]", pair[0], low, high)
+            std = check_number(f"{name}[1]", pair[1], 1e-4, 1e3)
+            object.__setattr__(self, name, (mean, std))
+        for name in ("femur_difference_m", "tibia_difference_m"):
+            object.__setattr__(self, name, check_number(name, getattr(self, name), 1e-4, 1e3))
+        if not isinstance(self.limits, bool):
+            raise SettingsError(f"limits must be True or False, got {self.limits!r}")
+
+    @classmethod
+    def of_height(cls, height_m: float) -> Anthropometry:
+        """For a subject of this height, m: lengths in proportion to height, with half the population's spread.
+
+        Raises:
+            SettingsError: a height outside 0.8 to 2.5 m.
+        """
+        scale = check_number("height_m", height_m, 0.8, 2.5) / MEAN_HEIGHT_M
+        usual = cls()
+        femur, tibia, hips = ((scale * mean, 0.5 * std) for mean, std in (usual.femur_m, usual.tibia_m, usual.hips_m))
+        return cls(femur_m=femur, tibia_m=tibia, hips_m=hips, limits=0.85 < scale < 1.15)
+
+
+MEAN_HEIGHT_M = 1.69
+"""Of the population of Table 2 (ANSUR II, both sexes alike)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LowerBodySettings(Checked):
+    """How the lower body is estimated. Standard deviations; small trusts, large forgives.
+
+    Args:
+        key_step_s: time between two moments of the estimate, s; small costs time and memory in proportion. Default 0.1.
+        bridge_s: gaps up to this length are bridged by a straight line, with the noise that costs, s; beyond, only the body's
+            constants and the biases are carried across. Default 0.3.
+        gyr_noise, acc_noise: white noise of the sensors, rad/s/√Hz and m/s²/√Hz; defaults 5e-4 and 5e-3 (MEMS, with what
+            integration adds).
+        gyr_walk, acc_walk: random walk of the biases, rad/s/√s and m/s²/√s; defaults 2e-5 and 2e-4.
+        gyr_bias_std, acc_bias_std: of each bias channel around what `track` finds, rad/s and m/s²; defaults 0.005 and 0.1.
+        hip_std_m, knee_std_m, ankle_std_m: how far apart the sensors on either side may see a joint, m: soft tissue. Defaults
+            0.02, 0.01, 0.01.
+        hinge_std: rate of a knee across its axis, rad/s; default 0.3.
+        axes_std_deg: how far the knee's axis in the shank may stand off that in the thigh, degrees; None: not asked, as the
+            paper does. Default 5.
+        center_std_m: joint centres around what `track` finds, m; default 0.1.
+        tail: degrees of freedom of Student's t for joints and hinges; inf: Gaussian. Default 5.
+        max_iterations: linear systems to solve. Default 60.
+        tolerance: the search ends where a step promises less than this in log-likelihood. Default 1e-3.
+
+    Raises:
+        SettingsError: a value out of its range.
+    """
+
+    key_step_s: float = 0.1
+    bridge_s: float = 0.3
+    gyr_noise: float = 5e-4
+    acc_noise: float = 5e-3
+    gyr_walk: float = 2e-5
+    acc_walk: float = 2e-4
+    gyr_bias_std: float = 0.005
+    acc_bias_std: float = 0.1
+    hip_std_m: float = 0.02
+    knee_std_m: float = 0.01
+    ankle_std_m: float = 0.01
+    hinge_std: float = 0.3
+    axes_std_deg: float | None = 5.0
+    center_std_m: float = 0.1
+    tail: float = 5.0
+    max_iterations: int = 60
+    tolerance: float = 1e-3
+
+    def __post_init__(self) -> None:
+        ranges = {
+            "key_step_s": (0.01, 1.0),
+            "bridge_s": (0.0, 2.0),
+            "gyr_noise": (1e-6, 1.0),
+            "acc_noise": (1e-5, 10.0),
+            "gyr_walk": (1e-8, 1.0),
+            "acc_walk": (1e-7, 10.0),
+            "gyr_bias_std": (1e-6, 1.0),
+            "acc_bias_std": (1e-5, 10.0),
+            "hip_std_m": (1e-4, 1.0),
+            "knee_std_m": (1e-4, 1.0),
+            "ankle_std_m": (1e-4, 1.0),
+            "hinge_std": (1e-3, 100.0),
+            "axes_std_deg": (0.1, 90.0),
+            "center_std_m": (1e-3, math.inf),
+            "tail": (1.0, math.inf),
+            "tolerance": (1e-9, 10.0),
+        }
+        for name, (low, high) in ranges.items():
+            if name != "axes_std_deg" or self.axes_std_deg is not None:
+                self._number(name, low, high)
+        self._count("max_iterations", 1, 10_000)

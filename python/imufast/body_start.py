@@ -1,0 +1,121 @@
+"""Where the search for a lower body starts: from what `calibrate_joint` and `track` find at each joint alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imufast.calibrate import calibrate_joint
+from imufast.imu import Imu
+from imufast.track import RelativeOrientation, TrackStatus, track
+
+__all__ = ["JointStart", "joint_start", "multiply", "upright"]
+
+Array = NDArray[np.float64]
+TILT_S = 10.0
+"""Over so long to either side specific force is averaged to tell what is up, s: longer than any movement."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointStart:
+    """One joint by its two sensors alone.
+
+    Attributes:
+        rel: relative orientation.
+        centers: (2, 3) the joint as seen from both sensors, m.
+        axes: (2, 3) a knee's axis in both sensors, with one common sign; of a ball joint meaningless.
+        biases: (2, 2, 3) gyroscope and accelerometer bias of both sensors.
+        seen: whether the relative orientation was.
+    """
+
+    rel: RelativeOrientation
+    centers: Array
+    axes: Array
+    biases: Array
+    seen: bool
+
+
+def joint_start(upper: Imu, lower: Imu, knee: bool) -> JointStart:
+    """A joint from its two sensors."""
+    known = calibrate_joint(upper, lower, joint="hinge" if knee else "ball")
+    rel = track(upper, lower, known)
+    found = rel.calibration
+    centers = np.zeros((2, 3)) if found.center is None else np.stack([found.center.in_sensor1, found.center.in_sensor2])
+    axes = np.tile([1.0, 0.0, 0.0], (2, 1))
+    if knee and known.axis is not None:
+        axes = np.stack([known.axis.axis1, known.axis.axis2])
+    elif knee:
+        axes = _axes_from(rel, upper, lower)
+    biases = np.stack([[found.gyr_bias1, found.acc_bias1], [found.gyr_bias2, found.acc_bias2]])
+    return JointStart(rel, centers, axes, biases, rel.status is TrackStatus.TRACKED)
+
+
+def _axes_from(rel: RelativeOrientation, upper: Imu, lower: Imu) -> Array:
+    """The direction about which the joint turns most, where the calibration names none."""
+    turned = rotate(rel.q_12, lower.gyr) - upper.gyr
+    axis = np.linalg.eigh(turned.T @ turned)[1][:, 2]
+    other = rotate(conjugate(rel.q_12), np.broadcast_to(axis, turned.shape)).mean(axis=0)
+    return np.stack([axis, other / max(float(np.linalg.norm(other)), 1e-9)])
+
+
+def upright(imu: Imu, gyr_bias: Array) -> Array:
+    """(N, 4) sensor to world (z up) of one sensor: its gyroscope, and on average over some seconds what it feels is upwards."""
+    steps = np.diff(imu.time_s)
+    rates = 0.5 * (imu.gyr[1:] + imu.gyr[:-1]) - gyr_bias
+    # Across a break nothing is known; the tilt comes back from the accelerometer.
+    steps = np.where(steps > 1.0, 0.0, steps)
+    q = _running_product(np.concatenate([[[1.0, 0.0, 0.0, 0.0]], _exp(rates * steps[:, None])]))
+    felt = rotate(q, imu.acc)
+    reach = max(int(TILT_S * imu.rate_hz), 1)
+    total = np.concatenate([np.zeros((1, 3)), np.cumsum(felt, axis=0)])
+    rows = np.arange(len(felt))
+    mean = total[np.minimum(rows + reach + 1, len(felt))] - total[np.maximum(rows - reach, 0)]
+    up = mean / np.linalg.norm(mean, axis=1, keepdims=True)
+    # The shortest turn that brings it to z.
+    tilt = np.concatenate([1.0 + up[:, 2:], np.stack([up[:, 1], -up[:, 0], np.zeros(len(up))], axis=1)], axis=1)
+    tilt = np.where(tilt[:, :1] < 1e-6, [0.0, 1.0, 0.0, 0.0], tilt)
+    return multiply(tilt / np.linalg.norm(tilt, axis=1, keepdims=True), q)
+
+
+def _exp(turn: Array) -> Array:
+    angle = np.linalg.norm(turn, axis=1, keepdims=True)
+    half = 0.5 * angle
+    sinc = np.where(angle > 1e-9, np.sin(half) / np.maximum(angle, 1e-12), 0.5)
+    return np.concatenate([np.cos(half), sinc * turn], axis=1)
+
+
+def _running_product(q: Array) -> Array:
+    """Products of the first 1, 2, ... quaternions, by doubling."""
+    total, reach = q.copy(), 1
+    while reach < len(q):
+        total[reach:] = multiply(total[:-reach], total[reach:])
+        reach *= 2
+    return total / np.linalg.norm(total, axis=1, keepdims=True)
+
+
+def multiply(p: Array, q: Array) -> Array:
+    """Hamilton product of (N, 4) quaternions."""
+    w1, x1, y1, z1 = np.moveaxis(p, -1, 0)
+    w2, x2, y2, z2 = np.moveaxis(q, -1, 0)
+    return np.stack(
+        [
+            w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
+            w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
+            w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
+            w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
+        ],
+        axis=-1,
+    )
+
+
+def conjugate(q: Array) -> Array:
+    """The inverse of unit quaternions."""
+    return np.asarray(q * np.array([1.0, -1.0, -1.0, -1.0]))
+
+
+def rotate(q: Array, v: Array) -> Array:
+    """The vectors v (N, 3) turned by q (N, 4)."""
+    twice = 2.0 * np.cross(q[..., 1:], v)
+    return np.asarray(v + q[..., :1] * twice + np.cross(q[..., 1:], twice))
