@@ -23,23 +23,20 @@ FOLDER = Path(os.environ.get("IMUFAST_PEERS", Path(__file__).resolve().parents[3
 sys.path.insert(0, str(FOLDER / "lower_body_gtsam"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-import gtsam  # type: ignore[import-not-found]  # noqa: E402
+import gtsam  # noqa: E402
 import ourinit  # type: ignore[import-not-found]  # noqa: E402
 import peer  # type: ignore[import-not-found]  # noqa: E402
 import pylm  # type: ignore[import-not-found]  # noqa: E402
 from measuring import one_core, refuse_debug_build, setting  # noqa: E402
-from simulate import JOINTS, NOM, SEG, Sim  # type: ignore[import-not-found]  # noqa: E402
 
 Array = NDArray[np.float64]
-LIMIT_STD = 1e-3
+Sim, SEG, JOINTS, NOM = peer.Sim, peer.SEG, peer.JOINTS, peer.NOM
 
 
 def model(noise: dict[str, Any], tail: float = np.inf, center: float = np.inf) -> tuple[Any, ...]:
     """Joints, bones, angles, differences and noise of the peer's graph, as our core takes them."""
     number = {name: k for k, (name, _, _) in enumerate(JOINTS)}
-    joints = [
-        (a, b, list(noise[name[1:]]), noise["hinge"] if name.endswith("knee") else None, None) for name, a, b in JOINTS
-    ]
+    joints = [(a, b, list(noise[name[1:]]), noise["hinge"] if name.endswith("knee") else None, None) for name, a, b in JOINTS]
     bones, angles = [], []
     for side in "rl":
         for k, (segment, upper, lower, bone) in enumerate(
@@ -81,7 +78,7 @@ def problem(S: Any, noise: dict[str, Any], count: int, **more: float) -> Any:
     )
 
 
-def solve(S: Any, body: Any, start: dict[str, Any], descent: tuple[int, float, float] = (200, 1e-3, 1e-3)) -> Any:
+def solve(S: Any, body: Any, start: dict[str, Any], descent: tuple[int, float, float]) -> Any:
     """From a start in the peer's terms."""
     count = len(body.samples)
     q = np.stack([Rotation.from_matrix(np.asarray(R)[:count]).as_quat(scalar_first=True) for R in start["R"]], axis=1)
@@ -180,7 +177,8 @@ def main() -> None:
     body = problem(S, peer.MATCHED, S.K, tail=asked.tail)
     made = time.perf_counter() - t
     t = time.perf_counter()
-    fit = solve(S, body, start)
+    # From far away steps are held to their usual size; from near they need no holding.
+    fit = solve(S, body, start, (200, 1e-3, 1.0 if asked.start == "paper" else 1e-3))
     took = time.perf_counter() - t
     trials = fit.trials
     print(
@@ -188,14 +186,15 @@ def main() -> None:
         f"{made:.2f} s preintegration, {took:.2f} s search, {took / len(trials):.3f} s an iteration"
     )
     for row in trials[:60]:
-        print("   cost %.7g tried %.7g promised %.3g damping %.1e taken %d" % tuple(row))
+        cost, tried, promised, damping, taken = row
+        print(f"   cost {cost:.7g} tried {tried:.7g} promised {promised:.3g} damping {damping:.1e} taken {taken:.0f}")
     t = time.perf_counter()
     P = peer.Problem(S, peer.MATCHED, gyro_bias0=start["bg"])
     built = time.perf_counter() - t
     val = into_graph(P, S, body, fit)
     print(f"our solution in the peer's graph: {P.graph.error(val):.6g}")
-    # The peer integrates rotations in their tangent space, 1e-4 rad off over a tenth of a second at 450 deg/s; one step of its own
-    # loop takes our solution to its increments.
+    # The peer integrates rotations in their tangent space, 1e-4 rad off over a tenth of a second at 450 deg/s; one step of its
+    # own loop takes our solution to its increments.
     step = pylm.PyLM(P.graph, val).run(val, maxit=1, verbose=False)
     print(f"   ...after one step of the peer's loop: {P.graph.error(step):.6g}")
     peer.evaluate(P, P.read(val), "ours")

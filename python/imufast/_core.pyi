@@ -1,5 +1,6 @@
 """Numerical core of imufast, in Rust. Arrays must be C-contiguous float64; lengths are checked, units are not."""
 
+from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias, final
 
 import numpy as np
@@ -7,6 +8,8 @@ from numpy.typing import NDArray
 
 __all__ = [
     "PRESENT_MOVING",
+    "BodyFit",
+    "BodyProblem",
     "CenterFit",
     "CenterStream",
     "HingeFit",
@@ -391,3 +394,74 @@ def smooth_orientation(
     rest_bias_std: float | None,
     max_iterations: int,
 ) -> SmootherFit: ...
+
+_Joint = tuple[int, int, list[float], float | None, float | None]
+_End = tuple[int, int]
+_Bone = tuple[_End, _End, tuple[float, float] | None, tuple[float, float] | None]
+
+@final
+class BodyFit:
+    @property
+    def q(self) -> NDArray[np.float64]: ...
+    @property
+    def velocity(self) -> NDArray[np.float64]: ...
+    @property
+    def position(self) -> NDArray[np.float64]: ...
+    @property
+    def gyr_bias(self) -> NDArray[np.float64]: ...
+    @property
+    def acc_bias(self) -> NDArray[np.float64]: ...
+    @property
+    def centers(self) -> NDArray[np.float64]: ...
+    @property
+    def axes(self) -> NDArray[np.float64]: ...
+    @property
+    def status(self) -> str: ...
+    @property
+    def cost(self) -> float: ...
+    @property
+    def trials(self) -> NDArray[np.float64]: ...
+    @property
+    def joint_covariance(self) -> NDArray[np.float64] | None: ...
+    @property
+    def joint_constants(self) -> NDArray[np.float64] | None: ...
+    @property
+    def constants_covariance(self) -> NDArray[np.float64] | None: ...
+
+@final
+class BodyProblem:
+    def __new__(
+        cls,
+        time_s: NDArray[np.float64],
+        gyr: NDArray[np.float64],
+        acc: NDArray[np.float64],
+        rate_hz: float,
+        intervals: bool,
+        spacing: tuple[int, int, float],
+        biases: NDArray[np.float64],
+        joints: Sequence[_Joint],
+        bones: Sequence[_Bone],
+        angles: list[tuple[_End, int, float, float]],
+        differences: list[tuple[int, int, float]],
+        noise: list[float],
+        gravity: float,
+    ) -> BodyProblem: ...
+    @property
+    def samples(self) -> NDArray[np.uintp]: ...
+    @property
+    def linked(self) -> NDArray[np.bool_]: ...
+    @property
+    def rates(self) -> NDArray[np.float64]: ...
+    def minimise(
+        self,
+        q: NDArray[np.float64],
+        velocity: NDArray[np.float64],
+        position: NDArray[np.float64],
+        gyr_bias: NDArray[np.float64],
+        acc_bias: NDArray[np.float64],
+        centers: NDArray[np.float64],
+        axes: NDArray[np.float64],
+        descent: tuple[int, float, float],
+        covariance: bool,
+        watch: Callable[[int, float, float, float], object] | None = None,
+    ) -> BodyFit: ...

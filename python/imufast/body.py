@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +19,7 @@ from imufast.imu import Recording
 __all__ = ["SEGMENTS", "BodyJoint", "BodyStatus", "LowerBody", "estimate_lower_body"]
 
 Array = NDArray[np.float64]
+Rows = NDArray[np.intp]
 
 SIDES = ("right", "left")
 SEGMENTS = ("pelvis", "thigh_right", "shank_right", "foot_right", "thigh_left", "shank_left", "foot_left")
@@ -93,7 +93,7 @@ class LowerBody:
         status: what became of the search.
         why: what the reader should know, one sentence each.
         q: segment to the orientation of its sensor.
-        q_segment: segment to its own; a foot's and, without both hips, a pelvis's neutral pose is that of standing.
+        q_segment: segment to its own; a foot's and, without both hips, a pelvis's is upright when the subject stands.
         position: segment to (K, 3), place of its sensor, m. The whole drifts; differences between segments do not.
         knee_angles_deg, hip_angles_deg, ankle_angles_deg: side to (K, 3): flexion (ankle: dorsiflexion), adduction, internal
             rotation of the distal segment (ISB, Grood & Suntay 1983), positive on both sides, degrees.
@@ -196,7 +196,8 @@ def _placed(recording: object, placement: object) -> dict[str, str]:
         raise InputError("placement must have two segments that share a joint at least")
     if len(roots) > 1:
         raise InputError(
-            f"placement leaves {' and '.join(roots)} unconnected: segments between them have no sensor. Estimate each part alone"
+            f"placement leaves {' and '.join(roots)} unconnected: segments between them have no sensor; "
+            "estimate each part alone"
         )
     return placed
 
@@ -247,9 +248,7 @@ class _Body:
         for name, (upper, lower) in self.joints.items():
             kind = name.split("_")[0]
             hinge = kind == "knee"
-            joints.append(
-                (upper, lower, [center_std[kind]] * 3, s.hinge_std if hinge else None, axes_std if hinge else None)
-            )
+            joints.append((upper, lower, [center_std[kind]] * 3, s.hinge_std if hinge else None, axes_std if hinge else None))
         bones, angles, order = [], [], []
         lengths = {"femur": a.femur_m, "tibia": a.tibia_m, "hips": a.hips_m}
         for name, (upper_end, lower_end) in self.bones().items():
@@ -317,7 +316,7 @@ class _Body:
     def estimate(self, progress: Progress | None) -> LowerBody:
         biases = self.biases()
         problem = self.problem(np.ascontiguousarray(biases))
-        rows = problem.samples
+        rows = problem.samples.astype(np.intp)
         all_q = self.orientations(biases)
         up = self.up(all_q)
         q = np.ascontiguousarray(all_q[rows])
@@ -348,9 +347,11 @@ class _Body:
         return self.result(problem, fit, np.concatenate(history), up, why)
 
     def search(self, problem: _core.BodyProblem, start: dict[str, Array], progress: Progress | None) -> _core.BodyFit:
-        arrays = [np.ascontiguousarray(start[name], dtype=np.float64) for name in START]
+        q, velocity, position, gyr_bias, acc_bias, centers, axes = (
+            np.ascontiguousarray(start[name], dtype=np.float64) for name in START
+        )
         descent = (self.settings.max_iterations, self.settings.tolerance, 1e-3)
-        return problem.minimise(*arrays, descent, True, progress)
+        return problem.minimise(q, velocity, position, gyr_bias, acc_bias, centers, axes, descent, True, progress)
 
     def constants_start(self, up: Array) -> tuple[Array, Array]:
         """Joint centres and axes; a bone of an impossible length is replaced by the usual one along the upright."""
@@ -378,8 +379,8 @@ class _Body:
         return place
 
     def signed(self, q: Array, centers: Array, axes: Array, up: Array) -> Array:
-        """The axes, both of a knee to the right: section 3.9, but by the extremes of flexion instead of its median, which standing
-        decides."""
+        """The axes, both of a knee to the right: section 3.9, but by the extremes of flexion instead of its median, which
+        standing decides."""
         axes = axes.copy()
         turned = matrix(q)
         for side in SIDES:
@@ -417,18 +418,17 @@ class _Body:
                 found[k] = frame(axes[j, 0 if kind == "thigh" else 1], along)
         return found
 
-    def result(
-        self, problem: _core.BodyProblem, fit: _core.BodyFit, history: Array, up: Array, why: list[str]
-    ) -> LowerBody:
+    def result(self, problem: _core.BodyProblem, fit: _core.BodyFit, history: Array, up: Array, why: list[str]) -> LowerBody:
         turned = matrix(fit.q)
-        rows = problem.samples
+        rows = problem.samples.astype(np.intp)
         frames = self.frames(fit.centers, fit.axes, up)
         quiet = self.standing(rows)
-        for name, (upper, lower) in self.joints.items():
-            # What has no frame of its own takes over its neighbour's, standing.
+        for upper, lower in self.joints.values():
+            # What has no frame of its own: upright as when standing, to the right as its neighbour then is.
             for known, open_ in ((upper, lower), (lower, upper)):
                 if known in frames and open_ not in frames:
-                    frames[open_] = _mean_rotation(np.swapaxes(turned[quiet, open_], 1, 2) @ turned[quiet, known]) @ frames[known]
+                    across = np.swapaxes(turned[quiet, open_], 1, 2) @ (turned[quiet, known] @ frames[known][:, 0])[:, :, None]
+                    frames[open_] = frame(across[:, :, 0].mean(axis=0), up[open_])
         angles: dict[str, dict[str, Array]] = {kind: {} for kind in ("hip", "knee", "ankle")}
         stds: dict[str, dict[str, Array]] = {kind: {} for kind in ("hip", "knee", "ankle")}
         joints = {}
@@ -447,7 +447,7 @@ class _Body:
             status = BodyStatus.NOT_OBSERVABLE
         bones = self.bones()
         lengths = {name: self.length(fit, *ends) for name, ends in bones.items()}
-        knees = {}
+        knees: dict[str, Array] = {}
         for side in SIDES:
             if f"knee_{side}" in self.joints:
                 j = self.names.index(f"knee_{side}")
@@ -480,7 +480,7 @@ class _Body:
             settings=self.settings,
         )
 
-    def standing(self, rows: Array) -> Array:
+    def standing(self, rows: Rows) -> Rows:
         """Which moments are quiet; all, where hardly any is."""
         fast = np.max([np.linalg.norm(imu.gyr[rows], axis=1) for imu in self.imus], axis=0)
         quiet = fast < max(0.3, float(np.percentile(fast, 10)))
@@ -513,7 +513,7 @@ class _Body:
         covariance = (own, beside, fit.constants_covariance)
         return angle_std_deg(kind, side, (turned[:, upper], turned[:, lower]), moved, covariance)
 
-    def joint(self, fit: _core.BodyFit, j: int, name: str, rows: Array) -> BodyJoint:
+    def joint(self, fit: _core.BodyFit, j: int, name: str, rows: Rows) -> BodyJoint:
         upper, lower = self.joints[name]
         start: JointStart = self.starts[name]
         heading = np.full(len(rows), np.inf)
@@ -524,7 +524,9 @@ class _Body:
             variance = own[:, 2, 2] + own[:, 5, 5] - 2.0 * own[:, 2, 5]
             heading = np.degrees(np.sqrt(np.maximum(variance, 0.0)))
             for side in (0, 1):
-                block = fit.constants_covariance[6 * j + 3 * side : 6 * j + 3 * side + 3, 6 * j + 3 * side : 6 * j + 3 * side + 3]
+                block = fit.constants_covariance[
+                    6 * j + 3 * side : 6 * j + 3 * side + 3, 6 * j + 3 * side : 6 * j + 3 * side + 3
+                ]
                 center_std[side] = float(np.sqrt(max(np.linalg.eigvalsh(block)[-1], 0.0)))
         relative = np.swapaxes(matrix(fit.q[:, upper]), 1, 2) @ matrix(fit.q[:, lower])
         alone = matrix(start.rel.q_12[rows])
@@ -555,7 +557,7 @@ class _Body:
         row = np.zeros(len(fit.constants_covariance))
         for (joint, side), sign in ((high, 1.0), (low, -1.0)):
             row[6 * joint + 3 * side : 6 * joint + 3 * side + 3] += sign * bone / length
-        return length, float(np.sqrt(max(row @ fit.constants_covariance @ row, 0.0)))
+        return length, float(max(float(row @ fit.constants_covariance @ row), 0.0)) ** 0.5
 
 
 START = ("q", "velocity", "position", "gyr_bias", "acc_bias", "centers", "axes")
@@ -568,12 +570,6 @@ def _tangent(axis: Array) -> Array:
     first = np.cross(farthest, axis)
     first /= np.linalg.norm(first)
     return np.stack([first, np.cross(axis, first)], axis=1)
-
-
-def _mean_rotation(turns: Array) -> Array:
-    """The rotation nearest to the mean of some."""
-    u, _, vt = np.linalg.svd(turns.mean(axis=0))
-    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
 
 
 def _quaternion(turn: Array) -> Array:
@@ -589,5 +585,3 @@ def _quaternion(turn: Array) -> Array:
     # Bar-Itzhack 2000: the leading eigenvector.
     q: Array = np.linalg.eigh(k + np.triu(k, 1).T)[1][:, -1]
     return q if q[0] >= 0.0 else -q
-
-

@@ -85,10 +85,10 @@ class LowerBodySettings(Checked):
         gyr_walk, acc_walk: random walk of the biases, rad/s/√s and m/s²/√s; defaults 2e-5 and 2e-4.
         gyr_bias_std, acc_bias_std: of each bias channel around what `track` finds, rad/s and m/s²; defaults 0.005 and 0.1.
         hip_std_m, knee_std_m, ankle_std_m: how far apart the sensors on either side may see a joint, m: soft tissue. Defaults
-            0.02, 0.01, 0.01.
-        hinge_std: rate of a knee across its axis, rad/s; default 0.3.
+            0.03, 0.02, 0.015.
+        hinge_std: rate of a knee across its axis, rad/s; default 0.5.
         axes_std_deg: how far the knee's axis in the shank may stand off that in the thigh, degrees; None: not asked, as the
-            paper does. Default 5.
+            paper does. Default 7.
         center_std_m: joint centres around what `track` finds, m; default 0.1.
         tail: degrees of freedom of Student's t for joints and hinges; inf: Gaussian. Default 5.
         max_iterations: linear systems to solve. Default 60.
@@ -106,11 +106,11 @@ class LowerBodySettings(Checked):
     acc_walk: float = 2e-4
     gyr_bias_std: float = 0.005
     acc_bias_std: float = 0.1
-    hip_std_m: float = 0.02
-    knee_std_m: float = 0.01
-    ankle_std_m: float = 0.01
-    hinge_std: float = 0.3
-    axes_std_deg: float | None = 5.0
+    hip_std_m: float = 0.03
+    knee_std_m: float = 0.02
+    ankle_std_m: float = 0.015
+    hinge_std: float = 0.5
+    axes_std_deg: float | None = 7.0
     center_std_m: float = 0.1
     tail: float = 5.0
     max_iterations: int = 60

@@ -92,7 +92,8 @@ def _running_product(q: Array) -> Array:
     while reach < len(q):
         total[reach:] = multiply(total[:-reach], total[reach:])
         reach *= 2
-    return total / np.linalg.norm(total, axis=1, keepdims=True)
+    unit: Array = total / np.linalg.norm(total, axis=1, keepdims=True)
+    return unit
 
 
 def multiply(p: Array, q: Array) -> Array:

@@ -67,7 +67,8 @@ pub struct End {
 
 /// Up to this the damped step promises what the plain one would.
 const SLIGHT: f64 = 1e-2;
-const LEAST: f64 = 1e-9;
+/// Less is lost in the rounding of the system.
+const LEAST: f64 = 1e-8;
 const MOST: f64 = 1e12;
 /// A step must keep this share of its promise.
 const SHARE: f64 = 1e-3;
@@ -96,7 +97,7 @@ pub fn minimise(problem: &Problem<'_>, state: State, descent: &Descent, watch: &
         let from = ahead.as_ref().map_or(&state, |(there, ..)| there);
         let Some((next, promised)) = step(problem, from, damping, &mut band) else {
             ahead = None;
-            damping = (damping * 10.0).max(SLIGHT);
+            damping = (damping * 10.0).max(LEAST);
             if damping > MOST {
                 break Status::NumericalError;
             }
