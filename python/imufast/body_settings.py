@@ -92,7 +92,8 @@ class LowerBodySettings(Checked):
         center_std_m: joint centres around what `track` finds, m; default 0.1.
         tail: degrees of freedom of Student's t for joints and hinges; inf: Gaussian. Default 5.
         max_iterations: linear systems to solve. Default 60.
-        tolerance: the search ends where a step promises less than this in log-likelihood. Default 1e-3.
+        tolerance: the search ends where a step promises less than this in log-likelihood, or less than a millionth of the
+            cost. Default 1e-3.
 
     Raises:
         SettingsError: a value out of its range.

@@ -25,7 +25,7 @@ pub enum Status {
 pub struct Descent {
     /// Most linear systems that are solved.
     pub max_iterations: usize,
-    /// The descent ends where a step promises less than this, in log-likelihood.
+    /// The descent ends where a step promises less than this, in log-likelihood, or than a millionth of the cost.
     pub tolerance: f64,
     /// Damping to begin with, in units of [`super::assemble`]'s usual steps.
     pub damping: f64,
@@ -70,6 +70,7 @@ const SLIGHT: f64 = 1e-2;
 /// Less is lost in the rounding of the system.
 const LEAST: f64 = 1e-8;
 const MOST: f64 = 1e12;
+const RELATIVE: f64 = 1e-6;
 /// A step must keep this share of its promise.
 const SHARE: f64 = 1e-3;
 
@@ -107,6 +108,8 @@ pub fn minimise(problem: &Problem<'_>, state: State, descent: &Descent, watch: &
         let second = ahead.take();
         let promised_before = second.as_ref().map_or(promised, |(_, first, _)| *first);
         let (fall, slight) = (cost - tried, damping <= SLIGHT);
+        // Heavy tails promise by a bound, not by the curvature: near the minimum of a large cost they keep promising.
+        let enough = descent.tolerance.max(RELATIVE * cost);
         let taken = fall >= SHARE * promised_before && fall > 0.0;
         let trial = Trial { cost, tried, promised, damping, taken };
         trials.push(trial);
@@ -119,12 +122,11 @@ pub fn minimise(problem: &Problem<'_>, state: State, descent: &Descent, watch: &
                 damping = (damping * (1.0 - ratio * ratio * ratio).max(0.1)).max(LEAST);
             }
             growth = 2.0;
-            if slight && second.is_none() && promised < descent.tolerance {
+            if slight && second.is_none() && promised < enough {
                 break Status::Converged;
             }
         } else {
-            // Where the promise is within the rounding of the cost, nobody can tell the points apart: that is the minimum.
-            if slight && second.is_none() && promised < descent.tolerance.max(1e-12 * cost) {
+            if slight && second.is_none() && promised < enough {
                 break Status::Converged;
             }
             let above = second.as_ref().map_or(f64::INFINITY, |(.., above)| 0.5 * above);
