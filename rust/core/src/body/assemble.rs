@@ -271,9 +271,9 @@ impl Problem<'_> {
 
         let center = joint_center::linearised(a, b, &state.centers[j]);
         let inverse = Vector3::from(joint.center_std).map(|std| 1.0 / std);
-        let weight = loss.weight(center.residual.component_mul(&inverse).norm_squared());
-        let white = Matrix3::from_diagonal(&(inverse * ComplexField::sqrt(weight)));
-        rows.open(&(white * center.residual));
+        let (bent, residual) = loss.bend(&center.residual.component_mul(&inverse));
+        let white = bent * Matrix3::from_diagonal(&inverse);
+        rows.open(&residual);
         for (side, sign) in [(0, 1.0), (1, -1.0)] {
             rows.put(side, TURN, &(white * center.turns[side] * [a, b][side].turn.transpose()));
             rows.put(side, POSITION, &(white * sign));
@@ -289,21 +289,24 @@ impl Problem<'_> {
                 } else {
                     hinge::linearised(b, a, [rate_b, rate_a], &axes[1])
                 };
-                let white = ComplexField::sqrt(precision * loss.weight(precision * one.residual.norm_squared()));
-                rows.open(&(one.residual * white));
+                let scale = ComplexField::sqrt(precision);
+                let (bent, residual) = loss.bend(&(one.residual * scale));
+                let white = bent * scale;
+                rows.open(&residual);
                 for (n, place) in [side, 1 - side].into_iter().enumerate() {
-                    rows.put(place, TURN, &(one.turns[n] * [a, b][place].turn.transpose() * white));
-                    rows.put(place, GYR_BIAS, &(one.biases[n] * white));
+                    rows.put(place, TURN, &(white * one.turns[n] * [a, b][place].turn.transpose()));
+                    rows.put(place, GYR_BIAS, &(white * one.biases[n]));
                 }
-                rows.put_pair(model.axis_at(j, side), &(one.axis * white));
+                rows.put_pair(model.axis_at(j, side), &(white * one.axis));
             }
             if let Some(std) = joint.axes_std {
                 let both = axes_agree::linearised(a, b, axes);
-                let white = ComplexField::sqrt(loss.weight(both.residual.norm_squared() / (std * std))) / std;
-                rows.open(&(both.residual * white));
+                let (bent, residual) = loss.bend(&(both.residual / std));
+                let white = bent / std;
+                rows.open(&residual);
                 for side in 0..2 {
-                    rows.put(side, TURN, &(both.turns[side] * [a, b][side].turn.transpose() * white));
-                    rows.put_pair(model.axis_at(j, side), &(both.axes[side] * white));
+                    rows.put(side, TURN, &(white * both.turns[side] * [a, b][side].turn.transpose()));
+                    rows.put_pair(model.axis_at(j, side), &(white * both.axes[side]));
                 }
             }
         }

@@ -148,11 +148,14 @@ impl Preintegrated {
                 }
             }
         }
-        let mut inverse = [[0.0; 9]; 9];
-        for j in 0..9 {
-            for i in j..9 {
-                let left: f64 = (j..i).map(|k| l[i][k] * inverse[k][j]).sum();
-                inverse[i][j] = (f64::from(u8::from(i == j)) - left) / l[i][i];
+        let mut inverse: [[f64; 9]; 9] = [[0.0; 9]; 9];
+        for i in 0..9 {
+            let (done, rest) = inverse.split_at_mut(i);
+            let row = &mut rest[0];
+            row[i] = 1.0 / l[i][i];
+            for (j, value) in row.iter_mut().enumerate().take(i) {
+                let left: f64 = done.iter().zip(&l[i]).skip(j).map(|(above, factor)| factor * above[j]).sum();
+                *value = -left / l[i][i];
             }
         }
         Some(inverse)

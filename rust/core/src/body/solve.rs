@@ -108,7 +108,6 @@ pub fn minimise(problem: &Problem<'_>, state: State, descent: &Descent, watch: &
         let second = ahead.take();
         let promised_before = second.as_ref().map_or(promised, |(_, first, _)| *first);
         let (fall, slight) = (cost - tried, damping <= SLIGHT);
-        // Heavy tails promise by a bound, not by the curvature: near the minimum of a large cost they keep promising.
         let enough = descent.tolerance.max(RELATIVE * cost);
         let taken = fall >= SHARE * promised_before && fall > 0.0;
         let trial = Trial { cost, tried, promised, damping, taken };

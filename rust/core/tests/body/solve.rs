@@ -147,7 +147,7 @@ impl Body {
 
     pub fn moments(&self, model: &Model) -> Moments {
         let spacing = Spacing { key_samples: 10, rate_samples: 0, bridge_s: 0.3 };
-        Moments::new(&self.readings(), &spacing, &vec![[Vector3::zeros(); 2]; 3], &model.noise).expect("there is noise")
+        Moments::new(&self.readings(), &spacing, &[[Vector3::zeros(); 2]; 3], &model.noise).expect("there is noise")
     }
 
     /// The truth, shaken.
