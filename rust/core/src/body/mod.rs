@@ -12,7 +12,7 @@
 //! Orientations are turned from the left, `R ← Exp(φ) R`, axes moved on the tangent plane of the sphere, all else by sums. World z
 //! is up. Parametrisation moves not the minimum but the way there, and two that look better are worse: SE₂(3) from the left,
 //! in which dynamics are exactly linear, and the bending of velocity and position by `J_l(φ)` alone took 16 to 18 iterations on
-//! 30 s of the peer's simulation, sums take 9.
+//! 30 s of the peer's simulation, sums take 9 (all without climbs, see [`solve`]).
 //!
 //! # Terms
 //!
@@ -26,7 +26,7 @@
 //! tied to the next sensor by sensor only, and eliminating one fills the next completely (the joints see to that), so a general
 //! sparse solver finds no more zeros than this order has. A block of 16×16 a sensor ([`tiles`]) keeps all of the work in a
 //! few kernels, which are compiled for 128, 256 and 512 bits and chosen when run: 0.05 s an iteration of 30 s, 0.13 s of 90 s
-//! (printed by benches/body/gtsam_peer.py on a shared core; GTSAM's own multifrontal solver needs 0.3 and 1.3 s a factorisation
+//! (printed by benches/body/gtsam_peer.py on a shared core; GTSAM's own multifrontal solver needs 0.25 and 0.9 s a factorisation
 //! there). faer's dense kernels (0.24, one thread) take 0.21 s for the factors, solves and products of the same 900 blocks alone,
 //! without what block-diagonal coupling saves, and two more minutes to compile. The coupling's being block diagonal halves the
 //! work against a general block tridiagonal matrix. Time and memory are linear in the recording's length.
