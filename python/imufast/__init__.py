@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from imufast.angles import AngleStatus, AngleStd, JointAngles
 from imufast.axis import HingeAxis, HingeMinimum, JointAxis, SolveStatus, estimate_hinge_axis
+from imufast.body import BodyJoint, BodyStatus, LowerBody, estimate_lower_body
+from imufast.body_settings import Anthropometry, LowerBodySettings
 from imufast.calibrate import calibrate_joint
 from imufast.calibration import JointCalibration
 from imufast.center import (
@@ -32,29 +34,40 @@ from imufast.report import report_json, write_figure, write_json, write_report
 from imufast.select import SampleSelection, select_samples
 from imufast.settings import AxisSettings, CenterSettings, HingeSettings
 from imufast.simulate import (
+    Anatomy,
     BallJointSimulation,
     BallMotion,
+    BodyMotion,
     Collisions,
     HingeSimulation,
+    LegTissue,
+    LowerBodySimulation,
     Motion,
     SoftTissue,
     paper_rig,
+    random_anatomy,
     random_biases,
     random_positions,
     random_tissue,
     simulate_ball_joint,
     simulate_hinge,
+    simulate_lower_body,
 )
 from imufast.smoother import Smoother
 from imufast.sync import TimeOffset, time_offset
 from imufast.track import RelativeOrientation, TrackStatus, track, track_many
 
 __all__ = [
+    "Anatomy",
     "AngleStatus",
     "AngleStd",
+    "Anthropometry",
     "AxisSettings",
     "BallJointSimulation",
     "BallMotion",
+    "BodyJoint",
+    "BodyMotion",
+    "BodyStatus",
     "CenterEstimate",
     "CenterSettings",
     "CenterStatus",
@@ -77,6 +90,10 @@ __all__ = [
     "JointCalibration",
     "JointCenter",
     "JointCenterEstimator",
+    "LegTissue",
+    "LowerBody",
+    "LowerBodySettings",
+    "LowerBodySimulation",
     "Mekf",
     "MissingFileError",
     "Motion",
@@ -101,12 +118,14 @@ __all__ = [
     "calibrate_joint",
     "estimate_hinge_axis",
     "estimate_joint_center",
+    "estimate_lower_body",
     "fit_joint_center",
     "hinge_angle",
     "hinge_angle_deg",
     "joint_angles",
     "joint_angles_deg",
     "paper_rig",
+    "random_anatomy",
     "random_biases",
     "random_positions",
     "random_tissue",
@@ -116,6 +135,7 @@ __all__ = [
     "select_samples",
     "simulate_ball_joint",
     "simulate_hinge",
+    "simulate_lower_body",
     "time_offset",
     "track",
     "track_many",

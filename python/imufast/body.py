@@ -15,6 +15,7 @@ from imufast.body_settings import Anthropometry, LowerBodySettings
 from imufast.body_start import JointStart, joint_start, multiply, upright
 from imufast.errors import InputError, SettingsError
 from imufast.imu import Recording
+from imufast.samples import ReadOnly
 
 __all__ = ["SEGMENTS", "BodyJoint", "BodyStatus", "LowerBody", "estimate_lower_body"]
 
@@ -37,6 +38,8 @@ UNSEEN_DEG = 10.0
 """A joint whose relative heading is less certain than this for most of the time is undetermined, degrees."""
 OPEN_M = 0.03
 """Likewise a joint centre of which a direction is less certain than this, m."""
+UNLIKELY = 5.0
+"""A length that is so many of its usual standard deviations off contradicts what was expected."""
 GAUGE_STD = 1e-3
 
 
@@ -59,7 +62,7 @@ class BodyStatus(str, Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class BodyJoint:
+class BodyJoint(ReadOnly):
     """One joint as found.
 
     Attributes:
@@ -145,6 +148,9 @@ def estimate_lower_body(
 
     Each joint is first calibrated and tracked by its two sensors alone; from there one maximum a posteriori search over all
     sensors, joints and the body's measures (eqs 4-18).
+
+    Not finished: on a real walking person the search has not converged yet, and stated standard deviations are too small where
+    soft tissue moves (`why` and `joints` name contradictions); swapped or dead sensors are not found out.
 
     Args:
         recording: all sensors on one time base.
@@ -447,6 +453,13 @@ class _Body:
             status = BodyStatus.NOT_OBSERVABLE
         bones = self.bones()
         lengths = {name: self.length(fit, *ends) for name, ends in bones.items()}
+        for name, (length, _) in lengths.items():
+            usual, spread = getattr(self.anthropometry, f"{name.partition('_')[0]}_m")
+            if abs(length - usual) > UNLIKELY * spread:
+                why.append(
+                    f"{name} came out {100 * length:.0f} cm long where {100 * usual:.0f} ± {100 * spread:.0f} cm was expected: "
+                    "its joint centres and their standard deviations are not to be trusted"
+                )
         knees: dict[str, Array] = {}
         for side in SIDES:
             if f"knee_{side}" in self.joints:
@@ -533,18 +546,21 @@ class _Body:
         world = matrix(fit.q[:, upper])
         off = world @ (relative @ np.swapaxes(alone, 1, 2)) @ np.swapaxes(world, 1, 2)
         drift = np.degrees(np.arctan2(off[:, 1, 0] - off[:, 0, 1], off[:, 0, 0] + off[:, 1, 1]))
+        drift_deg = float(np.sqrt(np.mean(drift**2)))
         why = []
         if float(np.median(heading)) > UNSEEN_DEG:
             why.append(f"heading certain to {float(np.median(heading)):.0f} degrees only")
         if not start.seen and not name.startswith("knee"):
             why.append("its two sensors alone do not show how they are turned against each other")
+        if start.seen and drift_deg > UNSEEN_DEG:
+            why.append(f"heading {drift_deg:.0f} degrees off what its two sensors alone say")
         if float(center_std.max()) > OPEN_M:
             why.append(f"centre certain to {1e3 * float(center_std.max()):.0f} mm only")
         return BodyJoint(
             in_sensors=fit.centers[j],
             in_sensors_std=center_std,
             heading_std_deg=heading,
-            heading_drift_deg=float(np.sqrt(np.mean(drift**2))),
+            heading_drift_deg=drift_deg,
             determined=not why,
             why=tuple(why),
         )

@@ -209,7 +209,7 @@ def plan(
         raise InputError(f"calibration must be a JointCalibration, got {type(calibration).__name__}")
     center, noise = calibration.center, calibration.noise
     try:
-        rate = check_number("rate_hz", rate_hz, 0.0, 1e8, low_open=True)
+        rate = check_number("rate_hz", rate_hz, 0.0, 9e8, low_open=True)
         std = math.radians(check_number(names[1], angle_std_deg, 0.0, 180.0, low_open=True))
     except SettingsError as error:
         raise InputError(str(error)) from None
