@@ -53,6 +53,8 @@ bench: .venv/.bench
 	$(BIN)/python benches/center.py
 	$(BIN)/python benches/orientation.py
 	$(BIN)/python benches/angles.py
+	$(BIN)/python benches/self_calibrating.py
+	$(BIN)/python benches/body/gtsam_peer.py
 	$(BIN)/python benches/papers/olsson2017/run.py
 	$(BIN)/python benches/papers/olsson2020/run.py
 	$(BIN)/python benches/papers/remmerswaal2021/run.py
