@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imufast import _core
-from imufast.body_frames import angle_std_deg, angles_deg, frame, matrix
+from imufast.body_frames import angle_std_deg, angles_deg, frame
 from imufast.body_settings import Anthropometry, LowerBodySettings
-from imufast.body_start import JointStart, joint_start, multiply, upright
+from imufast.body_start import JointStart, joint_start, upright
 from imufast.errors import InputError, SettingsError
 from imufast.imu import Recording
+from imufast.quaternion import from_matrix, matrix, multiply
 from imufast.samples import ReadOnly
 
 __all__ = ["SEGMENTS", "BodyJoint", "BodyStatus", "LowerBody", "estimate_lower_body"]
@@ -471,7 +472,7 @@ class _Body:
             why=tuple(why),
             q={segment: fit.q[:, k] for k, segment in enumerate(self.segments)},
             q_segment={
-                segment: multiply(fit.q[:, k], np.broadcast_to(_quaternion(frames[k]), (len(rows), 4)))
+                segment: multiply(fit.q[:, k], np.broadcast_to(from_matrix(frames[k]), (len(rows), 4)))
                 for k, segment in enumerate(self.segments)
                 if k in frames
             },
@@ -586,18 +587,3 @@ def _tangent(axis: Array) -> Array:
     first = np.cross(farthest, axis)
     first /= np.linalg.norm(first)
     return np.stack([first, np.cross(axis, first)], axis=1)
-
-
-def _quaternion(turn: Array) -> Array:
-    """(4,) of one rotation matrix."""
-    k = np.array(
-        [
-            [turn.trace(), turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]],
-            [0.0, turn[0, 0] - turn[1, 1] - turn[2, 2], turn[0, 1] + turn[1, 0], turn[0, 2] + turn[2, 0]],
-            [0.0, 0.0, turn[1, 1] - turn[0, 0] - turn[2, 2], turn[1, 2] + turn[2, 1]],
-            [0.0, 0.0, 0.0, turn[2, 2] - turn[0, 0] - turn[1, 1]],
-        ]
-    )
-    # Bar-Itzhack 2000: the leading eigenvector.
-    q: Array = np.linalg.eigh(k + np.triu(k, 1).T)[1][:, -1]
-    return q if q[0] >= 0.0 else -q

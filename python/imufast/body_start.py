@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from imufast.calibrate import calibrate_joint
 from imufast.imu import Imu
+from imufast.quaternion import conjugate, multiply, rotate
 from imufast.track import RelativeOrientation, TrackStatus, track
 
-__all__ = ["JointStart", "joint_start", "multiply", "upright"]
+__all__ = ["JointStart", "joint_start", "upright"]
 
 Array = NDArray[np.float64]
 TILT_S = 10.0
@@ -94,29 +95,3 @@ def _running_product(q: Array) -> Array:
         reach *= 2
     unit: Array = total / np.linalg.norm(total, axis=1, keepdims=True)
     return unit
-
-
-def multiply(p: Array, q: Array) -> Array:
-    """Hamilton product of (N, 4) quaternions."""
-    w1, x1, y1, z1 = np.moveaxis(p, -1, 0)
-    w2, x2, y2, z2 = np.moveaxis(q, -1, 0)
-    return np.stack(
-        [
-            w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
-            w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
-            w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
-            w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
-        ],
-        axis=-1,
-    )
-
-
-def conjugate(q: Array) -> Array:
-    """The inverse of unit quaternions."""
-    return np.asarray(q * np.array([1.0, -1.0, -1.0, -1.0]))
-
-
-def rotate(q: Array, v: Array) -> Array:
-    """The vectors v (N, 3) turned by q (N, 4)."""
-    twice = 2.0 * np.cross(q[..., 1:], v)
-    return np.asarray(v + q[..., :1] * twice + np.cross(q[..., 1:], twice))
