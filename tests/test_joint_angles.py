@@ -278,8 +278,8 @@ def test_a_tilted_functional_axis_widens_the_angles_that_rest_on_it() -> None:
         for k, frame in enumerate(RIGHT, 1)
     ]
     found = joint_angles(rel, functional[0], functional[1])
-    # 5 degrees off the axis in one of two directions, over 21 degrees of flexion, half of it on either segment.
-    tilt = np.degrees(np.sqrt(0.25 * (5.0 / float(np.degrees(turn).std())) ** 2))
+    # 5 degrees off the axis in one of two directions, over 21 degrees of flexion, all of it on each segment.
+    tilt = np.degrees(np.sqrt(0.5 * (5.0 / float(np.degrees(turn).std())) ** 2))
     assert functional[0].by_axis is not None
     straight = int(turn.argmin())
     assert found.parts.axis[0] == pytest.approx(0.0, abs=0.5)

@@ -197,9 +197,9 @@ def _tissue(rel: RelativeOrientation, std_deg: float | None) -> tuple[Array, flo
         turn, _, rest = hinge_turn(rel.q_12, axis.axis1, axis.axis2)
         tissue, off_axis = off_axis_covariance(rel, axis, turn, rest)
         # What soft tissue does in step with flexion cannot be told from flexion: it tilts the axis about which the sensors
-        # turn. It is taken to be as much as what it does out of step, which is seen; half of it on either segment.
+        # turn. It is taken to be as much as what it does out of step, which is seen; on which segment is not: all on each.
         across = np.trace(tissue) - axis.axis2 @ tissue @ axis.axis2
-        tilt = min(0.25 * float(across) / max(float(turn.var()), 1e-6), 1.0)
+        tilt = min(0.5 * float(across) / max(float(turn.var()), 1e-6), 1.0)
     elif std_deg is None:
         told = ("nothing shows how far soft tissue moves, for there is no hinge axis: the standard deviation leaves it out",)
     if std_deg is not None:
