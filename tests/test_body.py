@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from imufast.body import JOINTS, SEGMENTS, BodyStatus, LowerBody, estimate_lower_body
-from imufast.body_frames import angles_deg, frame
-from imufast.body_settings import Anthropometry, LowerBodySettings
+from imufast.body.frames import angles_deg, frame
+from imufast.body.settings import Anthropometry, LowerBodySettings
 from imufast.errors import InputError, SettingsError
 from imufast.imu import Imu, Recording
 from imufast.quaternion import matrix

@@ -8,7 +8,7 @@ from __future__ import annotations
 from imufast.angles import AngleStatus, AngleStd, JointAngles
 from imufast.axis import HingeAxis, HingeMinimum, JointAxis, SolveStatus, estimate_hinge_axis
 from imufast.body import BodyJoint, BodyStatus, LowerBody, estimate_lower_body
-from imufast.body_settings import Anthropometry, LowerBodySettings
+from imufast.body.settings import Anthropometry, LowerBodySettings
 from imufast.calibrate import calibrate_joint
 from imufast.calibration import JointCalibration
 from imufast.center import (

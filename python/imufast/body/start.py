@@ -1,4 +1,4 @@
-"""Where the search for a lower body starts: from what `calibrate_joint` and `track` find at each joint alone."""
+"""Where the search for a lower body starts: from what `calibrate_joint` and `track` find at each joint alone (3.9)."""
 
 from __future__ import annotations
 
@@ -7,14 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from imufast.body.layout import Layout
+from imufast.body.settings import Anthropometry
 from imufast.calibrate import calibrate_joint
-from imufast.imu import Imu
-from imufast.quaternion import conjugate, multiply, rotate
+from imufast.imu import Imu, Recording
+from imufast.quaternion import conjugate, matrix, multiply, rotate
 from imufast.track import RelativeOrientation, TrackStatus, track
 
-__all__ = ["JointStart", "joint_start", "upright"]
+__all__ = ["BodyStart", "JointStart", "joint_start"]
 
 Array = NDArray[np.float64]
+STILL = 0.3
+"""No sensor turns faster while the subject stands still, rad/s."""
 TILT_S = 10.0
 """Over so long to either side specific force is averaged to tell what is up, s: longer than any movement."""
 
@@ -53,6 +57,53 @@ def joint_start(upper: Imu, lower: Imu, knee: bool) -> JointStart:
     return JointStart(rel, centers, axes, biases, rel.status is TrackStatus.TRACKED)
 
 
+class BodyStart:
+    """All joints together.
+
+    Attributes:
+        joints: joint to what its two sensors alone say.
+        biases: (S, 2, 3) gyroscope and accelerometer biases, rad/s and m/s²: the mean of what the joints of a sensor say.
+        q: (N, S, 4) sensors to the world, from the root down.
+        up: (S, 3) what is upwards in each sensor while the subject stands still, or on average.
+    """
+
+    def __init__(self, recording: Recording, layout: Layout) -> None:
+        self.layout = layout
+        imus = [recording[name] for name in layout.placed.values()]
+        self.joints = {name: joint_start(imus[a], imus[b], name.startswith("knee")) for name, (a, b) in layout.joints.items()}
+        total, count = np.zeros((len(imus), 2, 3)), np.zeros((len(imus), 1, 1))
+        for name, pair in layout.joints.items():
+            for side, sensor in enumerate(pair):
+                total[sensor] += self.joints[name].biases[side]
+                count[sensor] += 1.0
+        self.biases: Array = total / np.maximum(count, 1.0)
+        self.q = np.empty((len(recording.time_s), len(imus), 4))
+        self.q[:, 0] = _upright(imus[0], self.biases[0, 0])
+        for name, (upper, lower) in layout.joints.items():
+            self.q[:, lower] = multiply(self.q[:, upper], self.joints[name].rel.q_12)
+        quiet = np.max([np.linalg.norm(imu.gyr, axis=1) for imu in imus], axis=0) < STILL
+        rows = quiet if quiet.sum() >= recording.rate_hz else np.ones(len(quiet), dtype=bool)
+        up = matrix(self.q[rows])[:, :, 2, :].mean(axis=0)
+        self.up: Array = up / np.linalg.norm(up, axis=1, keepdims=True)
+
+    def constants(self, anthropometry: Anthropometry) -> tuple[Array, Array]:
+        """Joint centres and axes; a bone of an impossible length is replaced by the usual one along the upright."""
+        centers = np.stack([self.joints[name].centers for name in self.layout.names])
+        axes = np.stack([self.joints[name].axes for name in self.layout.names])
+        a = anthropometry
+        for name, (high, low) in self.layout.bones().items():
+            kind, _, side = name.partition("_")
+            if not side:
+                continue
+            mean = (a.femur_m if kind == "femur" else a.tibia_m)[0]
+            length = float(np.linalg.norm(centers[high] - centers[low]))
+            if not 0.6 * mean < length < 1.5 * mean:
+                sensor = self.layout.joints[self.layout.names[high[0]]][high[1]]
+                middle = 0.5 * (centers[high] + centers[low]) if length > 1e-3 else np.zeros(3)
+                centers[high], centers[low] = middle + 0.5 * mean * self.up[sensor], middle - 0.5 * mean * self.up[sensor]
+        return centers, axes
+
+
 def _axes_from(rel: RelativeOrientation, upper: Imu, lower: Imu) -> Array:
     """The direction about which the joint turns most, where the calibration names none."""
     turned = rotate(rel.q_12, lower.gyr) - upper.gyr
@@ -61,7 +112,7 @@ def _axes_from(rel: RelativeOrientation, upper: Imu, lower: Imu) -> Array:
     return np.stack([axis, other / max(float(np.linalg.norm(other)), 1e-9)])
 
 
-def upright(imu: Imu, gyr_bias: Array) -> Array:
+def _upright(imu: Imu, gyr_bias: Array) -> Array:
     """(N, 4) sensor to world (z up) of one sensor: its gyroscope, and on average over some seconds what it feels is upwards."""
     steps = np.diff(imu.time_s)
     rates = 0.5 * (imu.gyr[1:] + imu.gyr[:-1]) - gyr_bias

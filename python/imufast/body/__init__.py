@@ -1,0 +1,17 @@
+"""The lower body from up to seven IMUs (McGrath & Stirling 2020)."""
+
+from imufast.body.estimate import estimate_lower_body
+from imufast.body.layout import JOINTS, SEGMENTS
+from imufast.body.result import BodyJoint, BodyStatus, LowerBody
+from imufast.body.settings import Anthropometry, LowerBodySettings
+
+__all__ = [
+    "JOINTS",
+    "SEGMENTS",
+    "Anthropometry",
+    "BodyJoint",
+    "BodyStatus",
+    "LowerBody",
+    "LowerBodySettings",
+    "estimate_lower_body",
+]

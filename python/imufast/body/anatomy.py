@@ -1,0 +1,63 @@
+"""Segment frames of a body in its sensors, and which way a knee's axis points."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imufast.body.frames import angles_deg, frame
+from imufast.body.layout import SIDES, Layout
+from imufast.quaternion import matrix
+
+__all__ = ["frames", "positions", "signed"]
+
+Array = NDArray[np.float64]
+
+
+def frames(layout: Layout, centers: Array, axes: Array, up: Array) -> dict[int, Array]:
+    """Sensor to (3, 3), segment to sensor (eqs 19, 20); feet, and a pelvis without both hips, excepted."""
+    bones, found = layout.bones(), {}
+    for k, segment in enumerate(layout.segments):
+        kind, _, side = segment.partition("_")
+        if kind == "pelvis":
+            if "hips" in bones:
+                right = centers[bones["hips"][0]] - centers[bones["hips"][1]]
+                # Of the upright what stands across the line between the hips.
+                across = right / np.linalg.norm(right)
+                found[k] = frame(across, up[k] - across * (across @ up[k]))
+        elif kind in ("thigh", "shank") and f"knee_{side}" in layout.joints:
+            bone = bones.get(f"{'femur' if kind == 'thigh' else 'tibia'}_{side}")
+            along = up[k] if bone is None else centers[bone[0]] - centers[bone[1]]
+            j = layout.names.index(f"knee_{side}")
+            found[k] = frame(axes[j, 0 if kind == "thigh" else 1], along)
+    return found
+
+
+def signed(layout: Layout, q: Array, centers: Array, axes: Array, up: Array) -> Array:
+    """The axes, both of a knee to the right: section 3.9, but by the extremes of flexion instead of its median, which
+    standing decides."""
+    axes = axes.copy()
+    turned = matrix(q)
+    for side in SIDES:
+        name = f"knee_{side}"
+        if name not in layout.joints:
+            continue
+        j, (upper, lower) = layout.names.index(name), layout.joints[name]
+        one, other = turned[:, upper] @ axes[j, 0], turned[:, lower] @ axes[j, 1]
+        if float(np.median(np.einsum("ki,ki->k", one, other))) < 0.0:
+            axes[j, 1] = -axes[j, 1]
+        found = frames(layout, centers, axes, up)
+        relative = np.swapaxes(turned[:, upper] @ found[upper], 1, 2) @ (turned[:, lower] @ found[lower])
+        flexion = angles_deg("knee", side, relative)[:, 0]
+        if float(np.percentile(flexion, 1) + np.percentile(flexion, 99)) < 0.0:
+            axes[j] = -axes[j]
+    return axes
+
+
+def positions(layout: Layout, q: Array, centers: Array) -> Array:
+    """(K, S, 3) places of the sensors, the root at rest."""
+    turned = matrix(q)
+    place = np.zeros((len(q), len(layout.segments), 3))
+    for j, (upper, lower) in enumerate(layout.joints.values()):
+        place[:, lower] = place[:, upper] + turned[:, upper] @ centers[j, 0] - turned[:, lower] @ centers[j, 1]
+    return place

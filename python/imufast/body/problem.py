@@ -1,0 +1,68 @@
+"""The factor graph of a body, from its layout and settings."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imufast import _core
+from imufast.body.layout import Layout
+from imufast.body.settings import Anthropometry, LowerBodySettings
+from imufast.imu import Recording
+
+__all__ = ["LIMITS_M", "problem"]
+
+Array = NDArray[np.float64]
+GRAVITY = 9.80665
+LIMITS_M = {"femur": (0.326, 0.480), "tibia": (0.344, 0.479), "hips": (0.0, 0.409)}
+GAUGE_STD = 1e-3
+
+
+def problem(
+    recording: Recording, layout: Layout, anthropometry: Anthropometry, settings: LowerBodySettings, biases: Array
+) -> _core.BodyProblem:
+    """Sensors, joints and measures as the core wants them; `biases` (S, 2, 3) of gyroscopes (rad/s) and accelerometers."""
+    s, a = settings, anthropometry
+    center_std = {"hip": s.hip_std_m, "knee": s.knee_std_m, "ankle": s.ankle_std_m}
+    axes_std = None if s.axes_std_deg is None else float(np.radians(s.axes_std_deg))
+    joints = []
+    for name, (upper, lower) in layout.joints.items():
+        kind = name.split("_")[0]
+        hinge = kind == "knee"
+        joints.append((upper, lower, [center_std[kind]] * 3, s.hinge_std if hinge else None, axes_std if hinge else None))
+    bones, angles, order = [], [], []
+    lengths = {"femur": a.femur_m, "tibia": a.tibia_m, "hips": a.hips_m}
+    for name, (upper_end, lower_end) in layout.bones().items():
+        kind, _, side = name.partition("_")
+        bones.append((upper_end, lower_end, lengths[kind], LIMITS_M[kind] if a.limits else None))
+        order.append(name)
+        if side:
+            mean, std = a.femur_axis_deg if kind == "femur" else a.tibia_axis_deg
+            mean = mean if side == "right" else 180.0 - mean
+            knee = (layout.names.index(f"knee_{side}"), 0 if kind == "femur" else 1)
+            angles.append((knee, len(bones) - 1, float(np.radians(mean)), float(np.radians(std))))
+    differences = [
+        (order.index(f"{bone}_right"), order.index(f"{bone}_left"), std)
+        for bone, std in (("femur", a.femur_difference_m), ("tibia", a.tibia_difference_m))
+        if f"{bone}_right" in order and f"{bone}_left" in order
+    ]
+    imus = [recording[name] for name in layout.placed.values()]
+    rate_hz = recording.rate_hz
+    noise = [s.gyr_noise, s.acc_noise, 1e-4, s.gyr_walk, s.acc_walk, s.gyr_noise * np.sqrt(rate_hz)]
+    noise += [s.gyr_bias_std, s.acc_bias_std, s.center_std_m, GAUGE_STD, s.tail]
+    key_samples = max(round(s.key_step_s * rate_hz), 1)
+    return _core.BodyProblem(
+        np.ascontiguousarray(recording.time_s),
+        np.stack([imu.gyr for imu in imus]),
+        np.stack([imu.acc for imu in imus]),
+        rate_hz,
+        False,
+        (key_samples, max(key_samples // 5, 1), s.bridge_s),
+        biases,
+        joints,
+        bones,
+        angles,
+        differences,
+        noise,
+        GRAVITY,
+    )

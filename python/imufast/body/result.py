@@ -1,0 +1,106 @@
+"""What `estimate_lower_body` finds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imufast.body.settings import Anthropometry, LowerBodySettings
+from imufast.samples import ReadOnly
+
+__all__ = ["BodyJoint", "BodyStatus", "LowerBody"]
+
+Array = NDArray[np.float64]
+
+
+class BodyStatus(str, Enum):
+    """What became of the search."""
+
+    CONVERGED = "CONVERGED"
+    """Found; what the motion left open, `joints` say one by one."""
+    STALLED = "STALLED"
+    """No step lowered the cost although one was promised; take the numbers with care."""
+    MAX_ITERATIONS = "MAX_ITERATIONS"
+    """The iterations ran out before the minimum."""
+    NOT_OBSERVABLE = "NOT_OBSERVABLE"
+    """The motion determines no joint."""
+    NUMERICAL_ERROR = "NUMERICAL_ERROR"
+    """The numbers overflow; are they in the right unit?"""
+
+    def __str__(self) -> str:
+        return self.value
+
+
+@dataclass(frozen=True, eq=False)
+class BodyJoint(ReadOnly):
+    """One joint as found.
+
+    Attributes:
+        in_sensors: (2, 3) its centre as seen from the sensor nearer to the pelvis and from the other, m.
+        in_sensors_std: (2,) standard deviation of either in its least certain direction, m.
+        heading_std_deg: (K,) of the heading between both sensors, degrees; infinite where nothing is known.
+        heading_drift_deg: how far that heading has moved, over the recording, from what the joint's two sensors alone say,
+            degrees, rms.
+        determined: whether the motion determines heading and centre.
+        why: if not, what it leaves open.
+    """
+
+    in_sensors: Array
+    in_sensors_std: Array
+    heading_std_deg: Array = field(repr=False)
+    heading_drift_deg: float
+    determined: bool
+    why: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class LowerBody:
+    """Pelvis and legs over a recording, at K moments about ten times a second. Segments and joints are those of the placement:
+    "pelvis", "thigh_right" ..., "hip_right", "knee_left" ...
+
+    Quaternions (K, 4) w x y z take sensor or segment vectors to the world (z up; heading and place of the whole are arbitrary).
+    Segment axes: x to the right, y forward, z towards the body.
+
+    Attributes:
+        time_s: (K,) s.
+        status: what became of the search.
+        why: what the reader should know, one sentence each.
+        q: segment to the orientation of its sensor.
+        q_segment: segment to its own; a foot's and, without both hips, a pelvis's is upright when the subject stands.
+        position: segment to (K, 3), place of its sensor, m. The whole drifts; differences between segments do not.
+        knee_angles_deg, hip_angles_deg, ankle_angles_deg: side to (K, 3): flexion (ankle: dorsiflexion), adduction, internal
+            rotation of the distal segment (ISB, Grood & Suntay 1983), positive on both sides, degrees.
+        knee_std_deg, hip_std_deg, ankle_std_deg: likewise, one standard deviation.
+        joints: joint to what was found of it.
+        knee_axis: thighs and shanks to (3,), the knee's axis in sensor frames, pointing to the right.
+        lengths_m: "femur_right", "tibia_left", "hips" ... to (length, standard deviation), m.
+        cost: minus the logarithm of the posterior, up to a constant.
+        iterations: linear systems solved.
+        history: (T, 5) of these: cost before, after, promised fall, damping, whether taken.
+        placement, anthropometry, settings: what it was made with.
+    """
+
+    time_s: Array = field(repr=False)
+    status: BodyStatus
+    why: tuple[str, ...]
+    q: dict[str, Array] = field(repr=False)
+    q_segment: dict[str, Array] = field(repr=False)
+    position: dict[str, Array] = field(repr=False)
+    knee_angles_deg: dict[str, Array] = field(repr=False)
+    hip_angles_deg: dict[str, Array] = field(repr=False)
+    ankle_angles_deg: dict[str, Array] = field(repr=False)
+    knee_std_deg: dict[str, Array] = field(repr=False)
+    hip_std_deg: dict[str, Array] = field(repr=False)
+    ankle_std_deg: dict[str, Array] = field(repr=False)
+    joints: dict[str, BodyJoint] = field(repr=False)
+    knee_axis: dict[str, Array]
+    lengths_m: dict[str, tuple[float, float]]
+    cost: float
+    iterations: int
+    history: Array = field(repr=False)
+    placement: dict[str, str] = field(repr=False)
+    anthropometry: Anthropometry = field(repr=False)
+    settings: LowerBodySettings = field(repr=False)
