@@ -9,8 +9,8 @@ Equation numbers are the paper's. r goes from the joint centre to the sensor. Wh
   doubles until both weak Wolfe conditions hold (Lewis & Overton 2013), which is made for kinks. It ends where no step lowers
   the cost any more.
 - The orientations of LS come from section VI-C's extended Kalman filter with orientation deviation states: rates integrated,
-  gravity seen by the accelerometer wherever its norm is within 5 % of g, no magnetometer. Noise as in section V-B. Where it
-  starts is said by its caller; over the pauses of a simulation its error stays.
+  gravity seen by the accelerometer wherever its norm is within 5 % of g, as inclination alone, no magnetometer. Where it starts
+  and its noise are said by its caller; over the pauses of a simulation its error stays.
 """
 
 from __future__ import annotations
@@ -59,29 +59,33 @@ def rotations(vectors: Array) -> Array:
 
 
 def orientations(time_s: Array, gyr: Array, acc: Array, begun: Array, gravity: float, stds: tuple[float, float]) -> Array:
-    """(N, 3, 3) from sensor to global as the extended Kalman filter has them: R is off by the deviation η, true R = exp(η) R,
-    and where ‖a‖ is near g, R a − g e_z = [(R a)×] η. `begun` (N, 3, 3) are true turns from its
-    start, 5° (section V-B) in each direction from the truth; `stds` of gyr and acc, one sample."""
+    """(B, N, 3, 3) from sensor to global as the extended Kalman filter has them, for each of B accelerations (B, N, 3) that go
+    with the same rates (N, 3). R is off by the deviation η, true R = exp(η) R, and where ‖a‖ is near g, R a − g e_z is
+    g [e_z×] η: the heading is not seen. `begun` (N, 3, 3) are true turns from its start, where it is off by 5° (section V-B);
+    `stds` of gyr and acc, one sample."""
     gyr_std, acc_std = stds
     period_s = float(np.median(np.diff(time_s)))
-    found = np.empty_like(begun)
-    still = np.abs(np.linalg.norm(acc, axis=1) - gravity) < GATE * gravity
+    still = np.abs(np.linalg.norm(acc, axis=2) - gravity) < GATE * gravity
     steps_s = np.diff(time_s, prepend=time_s[0])
     turns = rotations(steps_s[:, None] * np.roll(gyr, 1, axis=0))
-    r, p = begun[0], START_STD**2 * np.eye(3)
+    down = np.array([0.0, 0.0, gravity])
+    h = skew(down[None])[0]
+    noise = acc_std**2 * np.eye(3)
+    found = np.empty((*acc.shape, 3))
+    r = np.repeat(begun[:1], len(acc), axis=0)
+    p = np.repeat(START_STD**2 * np.eye(3)[None], len(acc), axis=0)
     for k, step_s in enumerate(steps_s):
         if step_s > 2.5 * period_s:
-            r = r @ begun[k - 1].T @ begun[k]
+            r = r @ (begun[k - 1].T @ begun[k])
         else:
             r = r @ turns[k]
             p = p + (step_s * gyr_std) ** 2 * np.eye(3)
-        if still[k]:
-            seen = r @ acc[k]
-            h = skew(seen[None])[0]
-            gain = np.linalg.solve(h @ p @ h.T + acc_std**2 * np.eye(3), h @ p).T
-            r = rotations((gain @ (seen - [0.0, 0.0, gravity]))[None])[0] @ r
+        if still[:, k].any():
+            off = (r @ acc[:, k, :, None])[:, :, 0] - down
+            gain = np.swapaxes(np.linalg.solve(h @ p @ h.T + noise, h @ p), 1, 2) * still[:, k, None, None]
+            r = rotations((gain @ off[:, :, None])[:, :, 0]) @ r
             p = p - gain @ h @ p
-        found[k] = r
+        found[:, k] = r
     return found
 
 
