@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,10 +14,12 @@ from imufast.axis import JointAxis
 from imufast.calibration import JointCalibration
 from imufast.center import CenterEstimate, CenterStatus, JointCenter, estimate_joint_center
 from imufast.decide import Verdict
+from imufast.deviation import angular_deviation_deg
 from imufast.hinge import HingeCalibration, calibrate_hinge
 from imufast.imu import Imu
 from imufast.noise import sensor_noise
 from imufast.pairs import check_pair
+from imufast.quaternion import matrix
 from imufast.settings import CenterSettings, HingeSettings, check_choice
 from imufast.smoother import Smoother, relative_bias_std, run_smoother
 
@@ -31,6 +34,8 @@ LOWPASS_HZ, MOVING, LOST, LONGEST_S = 4.0, 0.3, 0.5, 300.0
 """Of `rate_ratio`: Hz; rad/s; rad; s."""
 BREAK_STEPS, WHOLE_S = 1.5, 1.0
 """A longer step is a gap, steps; pieces between gaps that the low-pass leaves something of, s."""
+PIECE_S, PIECES = 2.0, 6
+"""Length of the pieces of time in which the axis may differ, s; the fewest that tell how much."""
 LARGEST_STD = 0.05
 """A ball joint is accepted when its centre is at least as certain as this, m."""
 
@@ -99,6 +104,10 @@ def calibrate_joint(
         known = replace(known, **new)
         if torn:
             known = replace(known, **motion.joint(center.settings.undetermined_std))
+        if axis is not None and hinge is not None and (hinge.misfit or 0.0) >= settings.hinge_misfit:
+            turned = motion.hinge_axis(hinge.misfit or 0.0, settings.floor_deg)
+            if turned is not None:
+                axis = turned if turned.axis1 @ axis.axis1 + turned.axis2 @ axis.axis2 >= 0.0 else turned.flipped()
     verdict, accepted, why = _judge(joint, hinge, center, ratio)
     if verdict in (Verdict.BALL_JOINT, Verdict.NOT_A_HINGE):
         axis = None
@@ -223,16 +232,82 @@ class Motion:
         Measured: mechanical hinges up to 0.03, knees 0.13-0.33, hips 0.13-0.46, ankles 0.26-0.63, mechanical joints with more
         degrees of freedom from 0.77 on. None where the joint hardly moves.
         """
-        q, imu1 = self.fit.q_12, self.imu1
-        w, v = q[:, :1], q[:, 1:]
-        gyr2 = self.imu2.gyr - self.gyr_bias2
-        turned = gyr2 + 2.0 * np.cross(v, np.cross(v, gyr2) + w * gyr2)
-        relative = np.ascontiguousarray(turned - (imu1.gyr - self.gyr_bias1))
-        nothing = np.zeros_like(relative)
-        lowpass_hz = min(LOWPASS_HZ, 0.45 * imu1.rate_hz)
-        slow = _core.condition(relative, nothing, nothing, nothing, imu1.time_s, imu1.rate_hz, lowpass_hz)[1][0]
-        moving = slow[np.linalg.norm(slow, axis=1) > MOVING]
-        if len(moving) < imu1.rate_hz:
+        rates = self._relative_rates()
+        if rates is None:
             return None
-        values = np.sqrt(np.linalg.eigvalsh(moving.T @ moving))
+        values = np.sqrt(np.linalg.eigvalsh(rates.in1.T @ rates.in1))
         return float(values[1] / values[2])
+
+    def hinge_axis(self, misfit: float, floor_deg: float) -> JointAxis | None:
+        """The axis about which the joint turns most: the first principal direction of the relative rate, in either frame.
+
+        The covariance holds how much the axis differs between pieces of the recording, and the orientation's error as if it
+        were one and the same all the time; the bound, besides, what is no hinge (atan of the misfit) and `floor_deg`. None
+        where the joint hardly moves, or too shortly.
+        """
+        rates = self._relative_rates()
+        if rates is None or len(rates.pieces) < PIECES:
+            return None
+        orientation = self.fit.covariance[:, [0, 3, 4, 3, 1, 5, 4, 5, 2]].reshape(-1, 3, 3)
+        mean2 = orientation.mean(axis=0)
+        turn = matrix(self.fit.q_12)
+        mean1 = np.einsum("nij,njk,nlk->il", turn, orientation, turn) / len(turn)
+        axes, bounds, covariance = [], [], np.zeros((6, 6))
+        for i, (relative, other, error) in enumerate(((rates.in1, rates.gyr2_in1, mean1), (rates.in2, rates.gyr1_in2, mean2))):
+            axis, block = _principal(relative, other, error, rates.pieces)
+            mean, std = angular_deviation_deg(axis, block)
+            bounds.append(min(math.hypot(mean + 2.0 * std, math.degrees(math.atan(misfit)), floor_deg), 180.0))
+            axes.append(axis)
+            covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = block
+        if float(((rates.in1 @ axes[0]) * (rates.in2 @ axes[1])).sum()) < 0.0:
+            axes[1] = -axes[1]
+        return JointAxis(axes[0], axes[1], covariance, np.array(bounds))
+
+    def _relative_rates(self) -> RelativeRates | None:
+        """None where the joint hardly moves."""
+        imu1, turn = self.imu1, matrix(self.fit.q_12)
+        gyr1, gyr2 = imu1.gyr - self.gyr_bias1, self.imu2.gyr - self.gyr_bias2
+        gyr2_in1, gyr1_in2 = np.einsum("nij,nj->ni", turn, gyr2), np.einsum("nji,nj->ni", turn, gyr1)
+        lowpass_hz = min(LOWPASS_HZ, 0.45 * imu1.rate_hz)
+        time_s, slow = _core.condition(
+            gyr2_in1 - gyr1, gyr2_in1, gyr2 - gyr1_in2, gyr1_in2, imu1.time_s, imu1.rate_hz, lowpass_hz
+        )
+        moving = np.linalg.norm(slow[0], axis=1) > MOVING
+        if moving.sum() < imu1.rate_hz:
+            return None
+        cuts = np.flatnonzero(np.diff(time_s[moving] // PIECE_S)) + 1
+        in1, other1, in2, other2 = (x[moving] for x in slow)
+        return RelativeRates(in1, other1, in2, other2, np.concatenate([[0], cuts]))
+
+
+@dataclass(frozen=True, eq=False)
+class RelativeRates:
+    """Low-passed rates while the joint moves, (M, 3) rad/s: of segment 2 against segment 1 in either sensor's frame, and what
+    the other gyroscope reads there; `pieces` are the first rows of pieces of time."""
+
+    in1: Array
+    gyr2_in1: Array
+    in2: Array
+    gyr1_in2: Array
+    pieces: NDArray[np.int64]
+
+
+def _principal(relative: Array, other: Array, orientation: Array, pieces: NDArray[np.int64]) -> tuple[Array, Array]:
+    """(3,) the first principal direction of the relative rate, and (3, 3) the covariance of its error, rad².
+
+    Args:
+        relative: (M, 3) relative rate, in the frame of one sensor.
+        other: (M, 3) the other sensor's rate, turned to there: an error δ of the orientation adds δ × other.
+        orientation: (3, 3) covariance of δ, there, rad².
+        pieces: (K,) first rows of pieces of time, whose sums are taken as independent.
+    """
+    values, vectors = np.linalg.eigh(relative.T @ relative)
+    axis = vectors[:, 2]
+    across = np.eye(3) - np.outer(axis, axis)
+    about = relative @ axis
+    # An axis tilted by e changes the sum of about times across by (first eigenvalue less that of the direction) e.
+    sums = np.add.reduceat(about[:, None] * relative, pieces, axis=0) @ across
+    x, y, z = about @ other
+    moved = across @ np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
+    covariance = (sums.T @ sums + moved @ orientation @ moved.T) / max(values[2] - values[1], 1e-12) ** 2
+    return axis, covariance
