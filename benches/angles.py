@@ -1,6 +1,6 @@
 """Joint angles: against optics on hinges, on a walking person's knees beside the vendor's orientation, and in simulation.
 
-python benches/angles.py [--markdown] [--part rig|walk|simulated] [--runs N] [--figures FOLDER]
+python benches/angles.py [--markdown] [--part rig|walk|axes|simulated] [--runs N] [--figures FOLDER]
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ REFERENCE_STD_DEG = 0.25
 """Of the optical reference: 0.15 to 0.35."""
 STAND, WALK, TURN = (0.0, 2.0), (56.5, 98.5), (74.0, 77.5)
 """Of the walking person, s: standing; walking; a sharp turn on the way, left out of what is told of strides."""
+HALVES = ((55.0, 77.0), (77.0, 99.0))
+"""Of the walk, s."""
 STOOD = ((45.5, 48.5), (53.0, 54.8))
 """When the same person stood again, s."""
 
@@ -200,6 +202,78 @@ def walk(figures: Path | None) -> tuple[Rows, Rows]:
 
 VENDOR_HEADINGS = ("knee, angle", "mean, °", "std about it, °", "largest, °", "trend, °/min", "correlation")
 
+AXES_HEADINGS = (
+    "knee, sensor",
+    "recordings",
+    "off the bone's axis, °",
+    "worst, °",
+    "bound, °",
+    "hinge calibration's, °",
+    "worst, °",
+    "bound, °",
+    "both apart, °",
+    "recordings or halves apart, °",
+    "hinge calibration's, °",
+    "off the limb, °",
+    "hinge calibration's, °",
+)
+
+
+def axes(runs: int) -> Rows:
+    """The axis of `calibrate_joint` beside that of `calibrate_hinge`, where soft tissue moves."""
+    rows: Rows = []
+    for motion in ("walking", "sit_to_stand"):
+        found: list[list[tuple[Array, float, Array, float, Array, Array]]] = [[], []]
+        for seed in range(runs):
+            s, mounts = simulated_knee(motion, TISSUES["default"], seed, np.random.default_rng([1983, seed]))
+            turned = [matrix(q) for q in mounts]
+            for i, (numbers, truth) in enumerate(zip(both_axes(s.imu1, s.imu2), (s.axis1, s.axis2), strict=True)):
+                joint, joint_bound, hinge, hinge_bound = numbers
+                # In the segment's frame, where the mounting does not matter.
+                limb = turned[i] @ joint, turned[i] @ hinge
+                found[i].append((limb[0], joint_bound, limb[1], hinge_bound, turned[i] @ truth, np.array([1.0, 0.0, 0.0])))
+        rows += [axes_row(f"simulated, {motion}, {i}", each) for i, each in enumerate(found, 1)]
+    z = np.load(data_folder() / "lower_body" / "full_body_walk.npz")
+    for side in ("left", "right"):
+        names = f"upper_leg_{side}", f"lower_leg_{side}"
+        pair = [imufast.Imu(z[f"{n}.gyr"], z[f"{n}.acc"], rate_hz=100.0, name=n) for n in names]
+        found = [[], []]
+        for span in HALVES:
+            halves = [imu.between(*span) for imu in pair]
+            for i, (joint, joint_bound, hinge, hinge_bound) in enumerate(both_axes(halves[0], halves[1])):
+                up = pair[i].between(*STAND).acc.mean(axis=0)
+                found[i].append((joint, joint_bound, hinge, hinge_bound, np.full(3, np.nan), up / np.linalg.norm(up)))
+        rows += [axes_row(f"walking person, {side}, {i}", each) for i, each in enumerate(found, 1)]
+    return rows
+
+
+def both_axes(imu1: imufast.Imu, imu2: imufast.Imu) -> list[tuple[Array, float, Array, float]]:
+    """Of either sensor: the axis of the joint and its bound, that of the hinge's calibration and its bound."""
+    joint = imufast.calibrate_joint(imu1, imu2)
+    axis, hinge = joint.axis, joint.hinge
+    if axis is None or hinge is None or hinge.axis1 is None or hinge.axis2 is None or hinge.bound95_deg is None:
+        raise SystemExit("a knee has no axis")
+    pairs = ((axis.axis1, hinge.axis1), (axis.axis2, hinge.axis2))
+    return [(a, float(axis.bound95_deg[i]), b, float(hinge.bound95_deg[i])) for i, (a, b) in enumerate(pairs)]
+
+
+def axes_row(name: str, each: Sequence[tuple[Array, float, Array, float, Array, Array]]) -> list[str]:
+    joint, joint_bound, hinge, hinge_bound, truth, limb = (np.array(x) for x in zip(*each, strict=True))
+    known = not np.isnan(truth).any()
+    off = [lines_apart_deg(x, truth) if known else np.full(1, np.nan) for x in (joint, hinge)]
+    numbers = [off[0].mean(), off[0].max(), joint_bound.mean(), off[1].mean(), off[1].max(), hinge_bound.mean()]
+    numbers += [lines_apart_deg(joint, hinge).mean()]
+    # The largest angle between two of them.
+    numbers += [max(lines_apart_deg(x, x[[k]]).max() for k in range(len(x))) for x in (joint, hinge)]
+    numbers += [lines_apart_deg(x, limb).mean() for x in (joint, hinge)]
+    return [name, str(len(each)), *("–" if np.isnan(x) else f"{x:.1f}" for x in numbers)]
+
+
+def lines_apart_deg(a: Array, b: Array) -> Array:
+    """(N,) angles between lines along unit vectors (N, 3), degrees."""
+    return np.asarray(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.abs((a * b).sum(axis=1)))))
+
+
 SIMULATED_HEADINGS = (
     "motion, soft tissue, angle",
     "runs",
@@ -246,11 +320,7 @@ def simulated(runs: int) -> Rows:
 def one_simulation(motion: str, tissue: imufast.SoftTissue | None, seed: int) -> dict[str, tuple[float, float, float]]:
     """RMSE, rms of the stated standard deviation, degrees, and how often the truth is within two of it, %; of each angle."""
     rng = np.random.default_rng([1983, seed])
-    mounts = [q / np.linalg.norm(q) for q in rng.standard_normal((2, 4))]
-    biases: dict[str, Any] = dict(imufast.random_biases(seed, gyr_rad_s=float(np.radians(0.3)), acc_m_s2=0.1))
-    s = imufast.simulate_hinge(
-        motion, duration_s=60.0, rate_hz=100.0, seed=seed, soft_tissue=tissue, mount1=mounts[0], mount2=mounts[1], **biases
-    )
+    s, mounts = simulated_knee(motion, tissue, seed, rng)
     calibration = imufast.calibrate_joint(s.imu1, s.imu2)
     if calibration.axis is None:
         return {}
@@ -278,6 +348,18 @@ def one_simulation(motion: str, tissue: imufast.SoftTissue | None, seed: int) ->
     return found
 
 
+def simulated_knee(
+    motion: str, tissue: imufast.SoftTissue | None, seed: int, rng: np.random.Generator
+) -> tuple[imufast.HingeSimulation, tuple[Array, Array]]:
+    """A minute at 100 Hz, and the mountings of its sensors."""
+    mounts = [q / np.linalg.norm(q) for q in rng.standard_normal((2, 4))]
+    biases: dict[str, Any] = dict(imufast.random_biases(seed, gyr_rad_s=float(np.radians(0.3)), acc_m_s2=0.1))
+    s = imufast.simulate_hinge(
+        motion, duration_s=60.0, rate_hz=100.0, seed=seed, soft_tissue=tissue, mount1=mounts[0], mount2=mounts[1], **biases
+    )
+    return s, (mounts[0], mounts[1])
+
+
 def bone_frame(mount: Array) -> imufast.SegmentFrame:
     """The true frame, seen from a sensor so mounted. The simulator's segments: x down the limb, y the hinge axis, which is to
     the left of a knee, z to the front."""
@@ -292,7 +374,7 @@ def judged(error: Array, std: Array) -> tuple[float, float, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--markdown", action="store_true", help="print the tables for README")
-    parser.add_argument("--part", choices=("rig", "walk", "simulated"), help="one part only")
+    parser.add_argument("--part", choices=("rig", "walk", "axes", "simulated"), help="one part only")
     parser.add_argument("--runs", type=int, default=20, help="simulations of each kind; default 20")
     parser.add_argument("--figures", type=Path, metavar="FOLDER", help="draw the walking knees there")
     chosen = parser.parse_args()
@@ -315,6 +397,9 @@ def main() -> None:
             ours,
         )
         show("The same walk: ours less the vendor's, about our axis.", VENDOR_HEADINGS, beside)
+    if chosen.part in (None, "axes"):
+        title = "Axes of knees: of the joint, about which it turns most, beside that of the hinge's calibration."
+        show(title, AXES_HEADINGS, axes(max(1, chosen.runs)))
     if chosen.part in (None, "simulated"):
         title = "Simulated knees against the bones: soft tissue of 5° about and 4° across the limb, tilt of 3° about the axis."
         show(title, SIMULATED_HEADINGS, simulated(max(1, chosen.runs)))

@@ -60,9 +60,11 @@ def calibrate_joint(
 
     Returns:
         JointCalibration. Without rest the gyroscope biases are those that the smoother finds, and where lost packets leave
-        little in one piece the centre, too. Where misfit and `rate_ratio` contradict each other clearly, the latter settles
-        it. Where a strap has slipped, centre and biases are those of the time since. Motion that does not tell is a verdict,
-        not an exception.
+        little in one piece the centre, too. Of what is nearly a hinge (misfit from `hinge_misfit` on) the axis is the one about
+        which the joint turns most in the latest five minutes, by the smoother's orientation: soft tissue pulls that of `hinge`,
+        which keeps its own, off it. Where misfit and `rate_ratio` contradict each other clearly, the latter settles it. Where
+        a strap has slipped, centre and biases are those of the time since. Motion that does not tell is a verdict, not an
+        exception.
 
     Raises:
         InputError: not two Imus of one time base, the same data twice, or too few samples.
@@ -109,6 +111,9 @@ def calibrate_joint(
             if turned is not None:
                 axis = turned if turned.axis1 @ axis.axis1 + turned.axis2 @ axis.axis2 >= 0.0 else turned.flipped()
     verdict, accepted, why = _judge(joint, hinge, center, ratio)
+    limit = settings.max_error_approximate_deg
+    if accepted and verdict is Verdict.APPROXIMATE_HINGE and axis is not None and not axis.bound95_deg.max() < limit:
+        accepted, why = False, (f"the bound {axis.bound95_deg.max():.3g}° is not below {limit:g}°",)
     if verdict in (Verdict.BALL_JOINT, Verdict.NOT_A_HINGE):
         axis = None
     return replace(known, verdict=verdict, accepted=accepted, why=why, axis=axis, rate_ratio=ratio)

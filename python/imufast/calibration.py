@@ -42,7 +42,8 @@ class JointCalibration(ReadOnly):
     Attributes:
         verdict: HINGE, APPROXIMATE_HINGE, BALL_JOINT, NOT_A_HINGE, NOT_ENOUGH_INFORMATION or MOUNTING_CHANGED.
         accepted: whether to trust it: a hinge by its own rules (see `HingeCalibration`), a ball joint by its centre.
-        axis: the hinge axis in both sensor frames; None where there is none to speak of.
+        axis: the hinge axis in both sensor frames; None where there is none to speak of. Of what is nearly a hinge not that of
+            `hinge`, but the one about which the joint turns most (`calibrate_joint`).
         center: the joint centre as seen from both sensors; None where the motion says next to nothing of it.
         gyr_bias1, gyr_bias2: (3,) subtract from the rates, rad/s. Default 0.
         acc_bias1, acc_bias2: (3,) subtract from the specific forces, m/s². Default 0.
