@@ -6,10 +6,10 @@ EMBEDDED := rust/examples/embedded/Cargo.toml
 RUST := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name Cargo.toml)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-all bench lint format wheel clean
+.PHONY: help demo test test-all bench measured lint format wheel clean
 
 help:
-	@echo "make demo | test | test-all | bench | lint | format | wheel | clean   (see CONTRIBUTING.md)"
+	@echo "make demo | test | test-all | bench | measured | lint | format | wheel | clean   (see CONTRIBUTING.md)"
 
 $(BIN)/maturin: pyproject.toml
 	$(PYTHON) -m venv .venv || { echo "cannot make a virtual environment: on Debian, apt install python3-venv"; exit 1; }
@@ -58,6 +58,9 @@ bench: .venv/.bench
 	$(BIN)/python benches/papers/olsson2017/run.py
 	$(BIN)/python benches/papers/olsson2020/run.py
 	$(BIN)/python benches/papers/remmerswaal2021/run.py
+
+measured: .venv/.bench
+	$(BIN)/python scripts/measured.py
 
 lint: .venv/.built
 	$(BIN)/ruff check .

@@ -373,7 +373,7 @@ def judged(error: Array, std: Array) -> tuple[float, float, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--markdown", action="store_true", help="print the tables for README")
+    parser.add_argument("--markdown", action="store_true", help="print the tables for docs/measured.md")
     parser.add_argument("--part", choices=("rig", "walk", "axes", "simulated"), help="one part only")
     parser.add_argument("--runs", type=int, default=20, help="simulations of each kind; default 20")
     parser.add_argument("--figures", type=Path, metavar="FOLDER", help="draw the walking knees there")

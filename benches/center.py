@@ -370,7 +370,7 @@ def simulations(recordings: int, cores: set[int]) -> list[tuple[str, Estimates]]
 def main() -> None:
     parts = ("judge", "coverage", "knees", "linear", "memory")
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--markdown", action="store_true", help="print the tables for README")
+    parser.add_argument("--markdown", action="store_true", help="print the tables for docs/measured.md")
     parser.add_argument("--part", choices=parts, help="one part only")
     parser.add_argument("--recordings", type=int, default=1000, help="how many are simulated; default 1000")
     parser.add_argument("--hours", type=int, default=24, help="length of the stream; default 24")

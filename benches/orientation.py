@@ -502,7 +502,7 @@ def walking(s: imufast.BallJointSimulation, walk: float, seed: int) -> tuple[Imu
 def main() -> None:
     parts = ("speed", "linear", "update", "hour", "consistency", "disturbances")
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--markdown", action="store_true", help="print the tables for README")
+    parser.add_argument("--markdown", action="store_true", help="print the tables for docs/measured.md")
     parser.add_argument("--part", choices=parts, help="one part only")
     parser.add_argument("--rounds", type=int, default=9, help="interleaved rounds of timed runs; default 9")
     parser.add_argument("--runs", type=int, default=100, help="simulations of the consistency; default 100")

@@ -152,7 +152,7 @@ def center_rows(rounds: int) -> list[list[str | None]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--markdown", action="store_true", help="print the tables for README")
+    parser.add_argument("--markdown", action="store_true", help="print the tables for docs/measured.md")
     parser.add_argument("--rounds", type=int, default=15, help="interleaved rounds of timed runs; default 15")
     parser.add_argument("--part", choices=("axis", "center"), help="one part only")
     chosen = parser.parse_args()

@@ -228,7 +228,7 @@ def sample() -> Rows:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--markdown", action="store_true", help="print tables for README")
+    parser.add_argument("--markdown", action="store_true", help="print tables for docs/measured.md")
     parser.add_argument("--part", choices=("pruning", "hour", "ingest", "week", "sample"), help="one part only")
     parser.add_argument("--whole", action="store_true", help="run the literal pruning loop to its end")
     parser.add_argument("--hours", type=int, default=168, help="length of the simulated week; default 168")

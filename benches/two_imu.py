@@ -334,7 +334,7 @@ def orientation_rows(paths: Sequence[Path]) -> list[list[str | None]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--markdown", action="store_true", help="print the table for README")
+    parser.add_argument("--markdown", action="store_true", help="print the table for docs/measured.md")
     parser.add_argument("--rounds", type=int, default=7, help="interleaved rounds of timed runs; default 7")
     parser.add_argument("--starts", type=int, default=20, help="moments of each recording to begin at; default 20")
     chosen = parser.parse_args()

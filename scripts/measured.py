@@ -1,4 +1,4 @@
-"""Run the benches and put the tables they print into README.md, between its two markers.
+"""Run the benches and put the tables they print into docs/measured.md, between its two markers.
 
     python scripts/measured.py [BENCH ...]
 
@@ -57,19 +57,19 @@ def halves(text: str, where: Path) -> tuple[str, str, str]:
 
 
 def main() -> None:
-    """Measure and write; a bench that fails or lacks its peer leaves README as it is."""
+    """Measure and write; a bench that fails or lacks its peer leaves the page as it is."""
     chosen = sys.argv[1:] or list(BENCHES)
     for bench in chosen:
         if bench not in BENCHES:
             raise SystemExit(f"unknown bench {bench!r}; known are {', '.join(BENCHES)}")
-    readme = ROOT / "README.md"
-    halves(readme.read_text(encoding="utf-8"), readme)
+    page = ROOT / "docs" / "measured.md"
+    halves(page.read_text(encoding="utf-8"), page)
     new = {bench: printed(bench) for bench in chosen}
     # Read again: others may have edited it while the benches ran.
-    head, before, tail = halves(readme.read_text(encoding="utf-8"), readme)
+    head, before, tail = halves(page.read_text(encoding="utf-8"), page)
     parts = {bench: new.get(bench) or kept(before, bench) for bench in BENCHES}
     texts = [f"{heading(bench)}\n\n{part}" for bench, part in parts.items() if part]
-    readme.write_text("\n\n".join([head + BEGIN, *texts, END + tail]), encoding="utf-8")
+    page.write_text("\n\n".join([head + BEGIN, *texts, END + tail]), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -111,3 +111,15 @@ def test_verdicts_in_the_documents_are_all_and_have_their_limits() -> None:
     assert f"below {settings.max_error_deg:g}° in ten estimates" in readme
     assert f"accepted below {settings.max_error_approximate_deg:g}°" in readme
     assert settings.n_consistent == 10
+
+
+def test_numbers_of_the_readme_were_printed() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    measured = (ROOT / "docs" / "measured.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (.+?) \| (.+?) \| (.+?) \| `(benches/[\w/]+\.py)` \|$", readme, re.MULTILINE)
+    assert rows
+    for what, ours, peers, script in rows:
+        printed = measured.partition(f"Printed by `{script}`:")[2].partition("\nPrinted by `")[0]
+        cells = set(re.findall(r"\| ([-+]?[\d.]+) (?=\|)", printed))
+        for number in re.findall(r"\d[\d.]*", f"{ours} {peers}"):
+            assert number in cells, f"{what}: {number} is not in what {script} printed"
