@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 from imufast.body import JOINTS, SEGMENTS, BodyStatus, LowerBody, estimate_lower_body
-from imufast.body.frames import angles_deg, frame
+from imufast.body.bands import angles_deg, between, pelvis_deg, pelvis_std_deg, std_deg
 from imufast.body.settings import Anthropometry, LowerBodySettings
 from imufast.errors import InputError, SettingsError
+from imufast.frames import segment_frame
 from imufast.imu import Imu, Recording
 from imufast.quaternion import matrix
 from imufast.simulate import LegTissue, LowerBodySimulation, simulate_lower_body
@@ -223,14 +224,64 @@ def test_bad_settings_are_refused_by_name(kind: Any, given: dict[str, Any]) -> N
         Anthropometry.of_height(17.8)
 
 
-def test_frames_are_right_handed_and_flexion_is_positive_on_both_sides() -> None:
-    turn = frame(np.array([1.0, 0.1, 0.3]), np.array([0.0, 0.0, 2.0]))
-    assert np.allclose(turn.T @ turn, np.eye(3))
-    assert np.linalg.det(turn) == pytest.approx(1.0)
-    assert np.allclose(turn[:, 2], [0.0, 0.0, 1.0])
-    c, s = np.cos(0.5), np.sin(0.5)
-    bent = np.array([[[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]]])  # the shank swings back about x
-    inwards = np.array([[[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]])  # toes of the right foot to the left
+def turn(axis: int, angle: float) -> NDArray[np.float64]:
+    """(1, 3, 3) about X, Y or Z."""
+    vector = np.zeros(4)
+    vector[0], vector[1 + axis] = np.cos(0.5 * angle), np.sin(0.5 * angle)
+    return matrix(vector)[None]
+
+
+def test_flexion_adduction_and_internal_rotation_are_positive_on_both_sides() -> None:
     for side, sign in (("right", 1.0), ("left", -1.0)):
-        assert angles_deg("knee", side, bent)[0] == pytest.approx([np.degrees(0.5), 0.0, 0.0])
-        assert angles_deg("hip", side, inwards)[0] == pytest.approx([0.0, 0.0, sign * np.degrees(0.5)])
+        # The shank swings back about Z, the right one; the thigh swings forward; toes of the right foot turn to the left.
+        assert angles_deg("knee", side, turn(2, -0.5))[0] == pytest.approx([np.degrees(0.5), 0.0, 0.0])
+        assert angles_deg("hip", side, turn(2, 0.5))[0] == pytest.approx([np.degrees(0.5), 0.0, 0.0])
+        assert angles_deg("hip", side, turn(1, 0.5))[0] == pytest.approx([0.0, 0.0, sign * np.degrees(0.5)])
+        assert angles_deg("ankle", side, turn(0, 0.5))[0] == pytest.approx([0.0, sign * np.degrees(0.5), 0.0])
+
+
+def test_frames_are_those_of_segment_frame(profile: tuple[LowerBodySimulation, LowerBody, list[tuple[float, ...]]]) -> None:
+    found = profile[1]
+    hip, knee, ankle = (found.joints[f"{kind}_right"].in_sensors for kind in ("hip", "knee", "ankle"))
+    # Right, forward, up of McGrath are Z, X, Y of ISB.
+    to_isb = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+    for segment, centers in (("thigh_right", (hip[1], knee[0])), ("shank_right", (knee[1], ankle[0]))):
+        known = segment_frame("right", joint_centers=centers, right=found.knee_axis[segment], keep="proximal")
+        between = np.swapaxes(matrix(found.q[segment]), 1, 2) @ matrix(found.q_segment[segment])
+        np.testing.assert_allclose(between, np.broadcast_to(known.matrix @ to_isb, between.shape), atol=1e-9)
+
+
+def test_a_pelvis_is_tilted_and_listed_whatever_its_heading() -> None:
+    for heading in (0.0, 1.0, -2.5):
+        # World z up; the segment's Y up, X ahead.
+        ahead = matrix(np.array([np.cos(0.5 * heading), 0.0, 0.0, np.sin(0.5 * heading)]))[None]
+        upright = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+        turned = ahead @ upright @ turn(2, -0.2) @ turn(0, 0.1)
+        assert pelvis_deg((turned, np.eye(3)))[0] == pytest.approx(np.degrees([-0.2, 0.1]))
+
+
+def test_bands_are_what_small_turns_make_of_the_angles() -> None:
+    rng = np.random.default_rng(5)
+    upper, lower = (matrix(q / np.linalg.norm(q))[None] for q in rng.normal(size=(2, 4)))
+    frames = [matrix(q / np.linalg.norm(q)) for q in rng.normal(size=(2, 4))]
+    turns = rng.normal(size=(2, 3, 4))
+    root = 1e-3 * rng.normal(size=(10, 10))
+    covariance = root @ root.T
+    parts = covariance[None, :6, :6], covariance[None, :6, 6:], covariance[6:, 6:]
+    stated = std_deg("hip", "left", (upper, frames[0]), (lower, frames[1]), (turns[0], turns[1]), parts)[0]
+    tilt = pelvis_std_deg((upper, frames[0]), turns[0], (parts[0][:, :3, :3], parts[1][:, :3], parts[2]))[0]
+    drawn = root @ rng.normal(size=(10, 4000))
+    angles = []
+    for x in drawn.T:
+        moved = [small(x[:3])[None] @ upper, small(x[3:6])[None] @ lower]
+        made = [frame @ small(turn @ x[6:]) for frame, turn in zip(frames, turns, strict=True)]
+        relative = between((moved[0], made[0]), (moved[1], made[1]))
+        angles.append([*angles_deg("hip", "left", relative)[0], *pelvis_deg((moved[0], made[0]))[0]])
+    spread = np.std((np.array(angles) - angles[0] + 180.0) % 360.0, axis=0)
+    np.testing.assert_allclose(spread, [*stated, *tilt], rtol=0.05)
+
+
+def small(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3, 3) of a small rotation vector."""
+    q = np.array([1.0, *(0.5 * vector)])
+    return matrix(q / np.linalg.norm(q))

@@ -17,7 +17,7 @@ from imufast.imu import Imu
 from imufast.quaternion import from_matrix, matrix
 from imufast.samples import ReadOnly
 
-__all__ = ["JOINTS", "SIDES", "SegmentFrame", "axis_covariance", "segment_frame"]
+__all__ = ["JOINTS", "SIDES", "SegmentFrame", "axis_covariance", "segment_frame", "spanned", "turns_by"]
 
 Array = NDArray[np.float64]
 
@@ -289,20 +289,8 @@ def _build(made: dict[str, tuple[Array, Array]], kept: str, side: str | None, jo
     if apart < LEAST_APART_DEG:
         raise InputError(f"{kept} and {other} are only {apart:.0f}° from one line: they do not span a frame")
 
-    def axes(a: Array, b: Array) -> Array:
-        """(3, 3) of which rows are anterior, proximal, right."""
-        rows = np.zeros((3, 3))
-        i, j = DIRECTIONS.index(kept), DIRECTIONS.index(other)
-        rows[i] = a / np.linalg.norm(a)
-        rows[j] = b - (b @ rows[i]) * rows[i]
-        rows[j] /= np.linalg.norm(rows[j])
-        third = 3 - i - j
-        sign = 1.0 if (j - i) % 3 == 1 else -1.0
-        rows[third] = sign * np.cross(rows[i], rows[j])
-        return rows
-
-    found = axes(first, second)
-    change = _derivative(lambda x: axes(first + x[:3], second + x[3:]), found)
+    found = spanned(kept, first, other, second)
+    change = turns_by(lambda x: spanned(kept, first + x[:3], other, second + x[3:])[None], found[None], 6)[0]
     errors = np.zeros((6, 6))
     errors[:3, :3], errors[3:, 3:] = first_cov, second_cov
     right = change[:, :3] if kept == "right" else change[:, 3:]
@@ -310,16 +298,36 @@ def _build(made: dict[str, tuple[Array, Array]], kept: str, side: str | None, jo
     return SegmentFrame(found[0], found[1], found[2], side, joint, covariance, right if by_axis else None)
 
 
-def _derivative(axes: Callable[[Array], Array], found: Array) -> Array:
-    """(3, 6) the small rotation of the frame, in its own axes, for small changes of both directions: central differences."""
+def spanned(kept: str, first: Array, other: str, second: Array) -> Array:
+    """(3, 3) of which rows are anterior, proximal, right (X, Y, Z of ISB), from two of these: `first`, the direction `kept`, is
+    taken as it is, of `second`, the direction `other`, what is across it (eq. 19 of McGrath and Stirling 2020)."""
+    rows = np.zeros((3, 3))
+    i, j = DIRECTIONS.index(kept), DIRECTIONS.index(other)
+    rows[i] = first / np.linalg.norm(first)
+    rows[j] = second - (second @ rows[i]) * rows[i]
+    rows[j] /= np.linalg.norm(rows[j])
+    sign = 1.0 if (j - i) % 3 == 1 else -1.0
+    rows[3 - i - j] = sign * np.cross(rows[i], rows[j])
+    return rows
+
+
+def turns_by(axes: Callable[[Array], Array], found: Array, count: int) -> Array:
+    """(F, 3, count) the small rotation of frames, in their own axes, for small changes of what they are made of: central
+    differences.
+
+    Args:
+        axes: (count,) changes to (F, 3, 3) frames, of which rows are the axes.
+        found: (F, 3, 3) these without a change.
+        count: how many numbers may change.
+    """
     step = 1e-6
-    columns = []
-    for k in range(6):
-        x = np.zeros(6)
+    turns = np.empty((len(found), 3, count))
+    for k in range(count):
+        x = np.zeros(count)
         x[k] = step
-        turned = found @ ((axes(x) - axes(-x)) / (2.0 * step)).T
-        columns.append([turned[2, 1], turned[0, 2], turned[1, 0]])
-    return np.asarray(np.array(columns).T)
+        turned = found @ np.swapaxes((axes(x) - axes(-x)) / (2.0 * step), 1, 2)
+        turns[:, :, k] = np.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]], axis=1)
+    return turns
 
 
 def _cross(v: Array) -> Array:

@@ -14,7 +14,7 @@ from imufast.hinge_angle import check_degrees, hinge_turn, off_axis_covariance
 from imufast.quaternion import matrix
 from imufast.track import VAGUE_DEG, RelativeOrientation
 
-__all__ = ["CONVENTIONS", "SIGNS", "joint_angles", "joint_angles_deg"]
+__all__ = ["CONVENTIONS", "NAMES", "SIGNS", "cardan", "clinical", "joint_angles", "joint_angles_deg"]
 
 Array = NDArray[np.float64]
 
@@ -152,6 +152,22 @@ def cardan(rotations: Array) -> tuple[Array, Array]:
     second = np.stack([c, zero, s], axis=1)
     third = np.stack([zero, one, zero], axis=1) - sine[:, None] * first
     return np.stack([alpha, beta, gamma], axis=1), np.stack([first, second, third], axis=1)
+
+
+def clinical(rotations: Array, side: str, joint: str) -> tuple[Array, Array]:
+    """Flexion, adduction and internal rotation (convention "ISB", signs "clinical"), and what small turns do to them.
+
+    Args:
+        rotations: (N, 3, 3), distal ISB frame to proximal one.
+        side: "left" or "right".
+        joint: "knee", "hip" or "ankle".
+
+    Returns:
+        (N, 3) angles, rad, within ±π; (N, 3, 3) gradients as `cardan`.
+    """
+    turns, _ = _turns("ISB", "clinical", side, joint)
+    raw, per_turn = cardan(rotations)
+    return raw * turns, per_turn * turns[:, None]
 
 
 def _agreed(name: str, given: str | None, *told: str | None) -> str | None:

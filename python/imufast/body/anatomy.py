@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from imufast.body.frames import angles_deg, frame
+from imufast.body.bands import angles_deg, between
 from imufast.body.layout import SIDES, Layout
+from imufast.frames import spanned
 from imufast.quaternion import matrix
 
 __all__ = ["frames", "positions", "signed"]
@@ -15,7 +16,8 @@ Array = NDArray[np.float64]
 
 
 def frames(layout: Layout, centers: Array, axes: Array, up: Array) -> dict[int, Array]:
-    """Sensor to (3, 3), segment to sensor (eqs 19, 20); feet, and a pelvis without both hips, excepted."""
+    """Sensor to (3, 3), segment (X anterior, Y proximal, Z right, as ISB and `SegmentFrame` have it) to sensor (eqs 19, 20);
+    feet, and a pelvis without both hips, excepted."""
     bones, found = layout.bones(), {}
     for k, segment in enumerate(layout.segments):
         kind, _, side = segment.partition("_")
@@ -23,13 +25,12 @@ def frames(layout: Layout, centers: Array, axes: Array, up: Array) -> dict[int, 
             if "hips" in bones:
                 right = centers[bones["hips"][0]] - centers[bones["hips"][1]]
                 # Of the upright what stands across the line between the hips.
-                across = right / np.linalg.norm(right)
-                found[k] = frame(across, up[k] - across * (across @ up[k]))
+                found[k] = spanned("right", right, "proximal", up[k]).T
         elif kind in ("thigh", "shank") and f"knee_{side}" in layout.joints:
             bone = bones.get(f"{'femur' if kind == 'thigh' else 'tibia'}_{side}")
             along = up[k] if bone is None else centers[bone[0]] - centers[bone[1]]
             j = layout.names.index(f"knee_{side}")
-            found[k] = frame(axes[j, 0 if kind == "thigh" else 1], along)
+            found[k] = spanned("proximal", along, "right", axes[j, 0 if kind == "thigh" else 1]).T
     return found
 
 
@@ -47,7 +48,7 @@ def signed(layout: Layout, q: Array, centers: Array, axes: Array, up: Array) -> 
         if float(np.median(np.einsum("ki,ki->k", one, other))) < 0.0:
             axes[j, 1] = -axes[j, 1]
         found = frames(layout, centers, axes, up)
-        relative = np.swapaxes(turned[:, upper] @ found[upper], 1, 2) @ (turned[:, lower] @ found[lower])
+        relative = between((turned[:, upper], found[upper]), (turned[:, lower], found[lower]))
         flexion = angles_deg("knee", side, relative)[:, 0]
         if float(np.percentile(flexion, 1) + np.percentile(flexion, 99)) < 0.0:
             axes[j] = -axes[j]

@@ -7,11 +7,13 @@ from numpy.typing import NDArray
 
 from imufast import _core
 from imufast.body.anatomy import frames
-from imufast.body.frames import angle_std_deg, angles_deg, frame
+from imufast.body.bands import angles_deg, between, pelvis_deg, pelvis_std_deg, std_deg
 from imufast.body.layout import SIDES, Layout
+from imufast.body.residuals import residuals
 from imufast.body.result import BodyJoint, BodyStatus, LowerBody
 from imufast.body.settings import Anthropometry, LowerBodySettings
 from imufast.body.start import STILL, BodyStart
+from imufast.frames import spanned, turns_by
 from imufast.imu import Recording
 from imufast.quaternion import from_matrix, matrix, multiply
 
@@ -25,6 +27,8 @@ OPEN_M = 0.03
 """Likewise a joint centre of which a direction is less certain than this, m."""
 UNLIKELY = 5.0
 """A length that is so many of its usual standard deviations off contradicts what was expected."""
+MCGRATH = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+"""Takes vectors of McGrath's frames (x right, y forward, z towards the body) to ISB's (X anterior, Y proximal, Z right)."""
 
 
 class Reading:
@@ -42,6 +46,7 @@ class Reading:
         self.recording, self.layout, self.anthropometry, self.start = recording, layout, anthropometry, start
         self.rows, self.fit, self.turned = rows, fit, matrix(fit.q)
         self.frames = self.all_frames()
+        self.turns = self.turns_of_frames()
 
     def read(self, settings: LowerBodySettings, history: Array, why: list[str]) -> LowerBody:
         """All of it."""
@@ -52,7 +57,7 @@ class Reading:
         for name, (upper, lower) in layout.joints.items():
             kind, side = name.split("_")
             if upper in found and lower in found:
-                relative = np.swapaxes(turned[:, upper] @ found[upper], 1, 2) @ (turned[:, lower] @ found[lower])
+                relative = between(self.of(upper), self.of(lower))
                 angles[kind][side] = angles_deg(kind, side, relative)
                 stds[kind][side] = self.bands(name)
             joints[name] = self.joint(name)
@@ -75,13 +80,14 @@ class Reading:
             if f"knee_{side}" in layout.joints:
                 j = layout.names.index(f"knee_{side}")
                 knees |= {f"thigh_{side}": fit.axes[j, 0], f"shank_{side}": fit.axes[j, 1]}
+        tilt, tilt_std = self.pelvis()
         return LowerBody(
             time_s=self.recording.time_s[self.rows],
             status=status,
             why=tuple(why),
             q={segment: fit.q[:, k] for k, segment in enumerate(layout.segments)},
             q_segment={
-                segment: multiply(fit.q[:, k], np.broadcast_to(from_matrix(found[k]), (len(turned), 4)))
+                segment: multiply(fit.q[:, k], np.broadcast_to(from_matrix(found[k] @ MCGRATH), (len(turned), 4)))
                 for k, segment in enumerate(layout.segments)
                 if k in found
             },
@@ -92,11 +98,14 @@ class Reading:
             knee_std_deg=stds["knee"],
             hip_std_deg=stds["hip"],
             ankle_std_deg=stds["ankle"],
+            pelvis_angles_deg=tilt,
+            pelvis_std_deg=tilt_std,
             joints=joints,
             knee_axis=knees,
             lengths_m=lengths,
             cost=fit.cost,
             iterations=len(history),
+            residuals=residuals(layout, fit, self.anthropometry, lengths),
             history=history,
             placement=dict(layout.placed),
             anthropometry=self.anthropometry,
@@ -111,9 +120,9 @@ class Reading:
             # What has no frame of its own: upright as when standing, to the right as its neighbour then is.
             for known, open_ in ((upper, lower), (lower, upper)):
                 if known in found and open_ not in found:
-                    right = self.turned[quiet, known] @ found[known][:, 0]
+                    right = self.turned[quiet, known] @ found[known][:, 2]
                     across = np.swapaxes(self.turned[quiet, open_], 1, 2) @ right[:, :, None]
-                    found[open_] = frame(across[:, :, 0].mean(axis=0), self.start.up[open_])
+                    found[open_] = spanned("proximal", self.start.up[open_], "right", across[:, :, 0].mean(axis=0)).T
         return found
 
     def standing(self) -> Rows:
@@ -123,15 +132,17 @@ class Reading:
         quiet = fast < max(STILL, float(np.percentile(fast, 10)))
         return np.flatnonzero(quiet)
 
-    def bands(self, name: str) -> Array:
-        """(K, 3) standard deviations of a joint's angles, degrees."""
-        layout, fit, turned = self.layout, self.fit, self.turned
-        j, (upper, lower), (kind, side) = layout.names.index(name), layout.joints[name], name.split("_")
-        if fit.joint_covariance is None or fit.joint_constants is None or fit.constants_covariance is None:
-            return np.full((len(turned), 3), np.inf)
-        count = len(fit.constants_covariance)
+    def of(self, sensor: int) -> tuple[Array, Array]:
+        """(K, 3, 3) sensor to world and (3, 3) segment to sensor."""
+        return self.turned[:, sensor], self.frames[sensor]
 
-        def moved(step: Array) -> tuple[Array, Array]:
+    def turns_of_frames(self) -> dict[int, Array]:
+        """Sensor to (3, C): the small rotation of its segment's frame, in its own axes, by the body's constants."""
+        layout, fit = self.layout, self.fit
+        if fit.constants_covariance is None:
+            return {}
+
+        def rows(step: Array) -> Array:
             centers = fit.centers + step[: fit.centers.size].reshape(fit.centers.shape)
             axes = fit.axes.copy()
             at = fit.centers.size
@@ -142,12 +153,35 @@ class Reading:
                         axes[n, end] = axis / np.linalg.norm(axis)
                         at += 2
             now = frames(layout, centers, axes, self.start.up)
-            return now.get(upper, self.frames[upper]), now.get(lower, self.frames[lower])
+            return np.stack([now.get(k, frame).T for k, frame in self.frames.items()])
 
+        count = len(fit.constants_covariance)
+        turns = turns_by(rows, rows(np.zeros(count)), count)
+        return dict(zip(self.frames, turns, strict=True))
+
+    def bands(self, name: str) -> Array:
+        """(K, 3) standard deviations of a joint's angles, degrees."""
+        layout, fit = self.layout, self.fit
+        j, (upper, lower), (kind, side) = layout.names.index(name), layout.joints[name], name.split("_")
+        if fit.joint_covariance is None or fit.joint_constants is None or fit.constants_covariance is None:
+            return np.full((len(self.turned), 3), np.inf)
         own = fit.joint_covariance[:, j].reshape(-1, 6, 6)
-        beside = fit.joint_constants[:, 6 * j : 6 * j + 6, :count]
+        beside = fit.joint_constants[:, 6 * j : 6 * j + 6]
         covariance = (own, beside, fit.constants_covariance)
-        return angle_std_deg(kind, side, (turned[:, upper], turned[:, lower]), moved, covariance)
+        return std_deg(kind, side, self.of(upper), self.of(lower), (self.turns[upper], self.turns[lower]), covariance)
+
+    def pelvis(self) -> tuple[Array, Array]:
+        """(K, 2) tilt and list, and their standard deviations, degrees; (K, 0) where there is none."""
+        hips = [name for name in self.layout.joints if name.startswith("hip")]
+        if not hips or 0 not in self.frames:
+            return np.zeros((len(self.rows), 0)), np.zeros((len(self.rows), 0))
+        fit, angles = self.fit, pelvis_deg(self.of(0))
+        if fit.joint_covariance is None or fit.joint_constants is None or fit.constants_covariance is None:
+            return angles, np.full(angles.shape, np.inf)
+        j = self.layout.names.index(hips[0])
+        own = fit.joint_covariance[:, j].reshape(-1, 6, 6)[:, :3, :3]
+        covariance = (own, fit.joint_constants[:, 6 * j : 6 * j + 3], fit.constants_covariance)
+        return angles, pelvis_std_deg(self.of(0), self.turns[0], covariance)
 
     def joint(self, name: str) -> BodyJoint:
         """What was found of a joint, and whether that is to be believed."""

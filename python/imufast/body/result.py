@@ -74,11 +74,16 @@ class LowerBody:
         knee_angles_deg, hip_angles_deg, ankle_angles_deg: side to (K, 3): flexion (ankle: dorsiflexion), adduction, internal
             rotation of the distal segment (ISB, Grood & Suntay 1983), positive on both sides, degrees.
         knee_std_deg, hip_std_deg, ankle_std_deg: likewise, one standard deviation.
+        pelvis_angles_deg: (K, 2) tilt (positive: its front up) and list (positive: its right side down) of the pelvis against
+            the upright, whatever its heading, degrees; (K, 0) without a pelvis sensor.
+        pelvis_std_deg: likewise, one standard deviation.
         joints: joint to what was found of it.
         knee_axis: thighs and shanks to (3,), the knee's axis in sensor frames, pointing to the right.
         lengths_m: "femur_right", "tibia_left", "hips" ... to (length, standard deviation), m.
         cost: minus the logarithm of the posterior, up to a constant.
         iterations: linear systems solved.
+        residuals: kind of term ("dynamics", "joint_center", "hinge" ...) to segment, joint or bone to the root mean square of its
+            residual over its standard deviation; much more than 1 contradicts what was assumed.
         history: (T, 5) of these: cost before, after, promised fall, damping, whether taken.
         placement, anthropometry, settings: what it was made with.
     """
@@ -95,11 +100,14 @@ class LowerBody:
     knee_std_deg: dict[str, Array] = field(repr=False)
     hip_std_deg: dict[str, Array] = field(repr=False)
     ankle_std_deg: dict[str, Array] = field(repr=False)
+    pelvis_angles_deg: Array = field(repr=False)
+    pelvis_std_deg: Array = field(repr=False)
     joints: dict[str, BodyJoint] = field(repr=False)
     knee_axis: dict[str, Array]
     lengths_m: dict[str, tuple[float, float]]
     cost: float
     iterations: int
+    residuals: dict[str, dict[str, float]] = field(repr=False)
     history: Array = field(repr=False)
     placement: dict[str, str] = field(repr=False)
     anthropometry: Anthropometry = field(repr=False)

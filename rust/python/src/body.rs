@@ -6,6 +6,7 @@ use imufast_core::{
         assemble::Problem,
         model::{AxisAngle, Bone, Difference, Joint, Model, Noise, Seen},
         moments::{Moments, Readings, Sampling, Spacing},
+        residuals::{Residuals, residuals},
         solve::{Descent, End, Status, Trial, minimise},
         states::{Motion, State},
         uncertainty::{Uncertainty, uncertainty},
@@ -61,6 +62,10 @@ pub struct BodyFit {
     cost: f64,
     /// (T, 5): cost, tried, promised, damping, taken.
     trials: Py<PyArray2<f64>>,
+    /// (S, 3) rms of white residuals: dynamics, steps of the gyroscope and of the accelerometer bias; NaN where there are none.
+    sensor_residuals: Py<PyArray2<f64>>,
+    /// (J, 3) likewise: centre, hinge, angle between the axes.
+    joint_residuals: Py<PyArray2<f64>>,
     /// (K, J, 36): 6 x 6 by rows, of the rotation vectors by which a joint's two sensors may be turned in the world, rad²; None where the curvature says nothing.
     joint_covariance: Option<Py<PyArray3<f64>>>,
     /// (K, J * 6, C): the same six with all constants.
@@ -219,7 +224,7 @@ impl BodyProblem {
         let (max_iterations, tolerance, damping) = descent;
         let descent = Descent { max_iterations, tolerance, damping };
         let mut raised: Option<PyErr> = None;
-        let (end, known) = py.detach(|| {
+        let (end, known, left) = py.detach(|| {
             let problem = Problem::new(&self.model, &self.moments, &start);
             let mut number = 0;
             let mut told = |trial: &Trial| {
@@ -238,20 +243,21 @@ impl BodyProblem {
             let end = minimise(&problem, start.clone(), &descent, &mut told);
             let wanted = covariance && end.status != Status::Interrupted;
             let known = if wanted { uncertainty(&problem, &end.state) } else { None };
-            (end, known)
+            let left = residuals(&problem, &end.state);
+            (end, known, left)
         });
         match raised {
             Some(error) => Err(error),
             None if end.status == Status::Interrupted => {
                 Err(PyKeyboardInterrupt::new_err("stopped while the body was searched for"))
             }
-            None => self.fit(py, &end, known),
+            None => self.fit(py, &end, known, left),
         }
     }
 }
 
 impl BodyProblem {
-    fn fit(&self, py: Python<'_>, end: &End, known: Option<Uncertainty>) -> PyResult<BodyFit> {
+    fn fit(&self, py: Python<'_>, end: &End, known: Option<Uncertainty>, left: Residuals) -> PyResult<BodyFit> {
         let (mut joint_covariance, mut joint_constants, mut constants_covariance) = (None, None, None);
         if let Some(known) = known {
             let (joints, constants) = (self.model.joints.len(), self.model.constants());
@@ -278,11 +284,19 @@ impl BodyProblem {
             status: status_name(end.status),
             cost: end.cost,
             trials: trials.map_err(|e| PyValueError::new_err(e.to_string()))?.into_pyarray(py).unbind(),
+            sensor_residuals: triples(py, left.sensors)?,
+            joint_residuals: triples(py, left.joints)?,
             joint_covariance,
             joint_constants,
             constants_covariance,
         })
     }
+}
+
+/// Rows of three numbers.
+fn triples(py: Python<'_>, rows: Vec<[f64; 3]>) -> PyResult<Py<PyArray2<f64>>> {
+    let array = Array2::from_shape_vec((rows.len(), 3), rows.into_flattened());
+    Ok(array.map_err(|e| PyValueError::new_err(e.to_string()))?.into_pyarray(py).unbind())
 }
 
 /// Rows of W numbers as (rows / middle, middle, W).

@@ -89,14 +89,14 @@ impl Problem<'_> {
     }
 
     /// Information of the biases' steps from moment k to the next, 1/(rad/s)² and 1/(m/s²)².
-    fn walk_weights(&self, k: usize) -> [f64; 2] {
+    pub(super) fn walk_weights(&self, k: usize) -> [f64; 2] {
         let noise = &self.model.noise;
         let span = self.moments.moments[k].span_s.max(1e-9);
         [1.0 / (noise.gyr_walk * noise.gyr_walk * span), 1.0 / (noise.acc_walk * noise.acc_walk * span)]
     }
 
     /// White residuals of each joint at moment k, without derivatives.
-    fn joints(&self, k: usize, state: &State, mut take: impl FnMut(&[Term])) {
+    pub(super) fn joints(&self, k: usize, state: &State, mut take: impl FnMut(&[Term])) {
         let sensors = self.model.sensors;
         for (j, joint) in self.model.joints.iter().enumerate() {
             let [a, b] = joint.sensors.map(|s| &state.motions[k * sensors + s]);
@@ -367,9 +367,9 @@ impl Problem<'_> {
 }
 
 #[derive(Clone, Copy)]
-struct Term {
+pub(super) struct Term {
     /// Of the white residual.
-    square: f64,
+    pub(super) square: f64,
 }
 
 /// White rows of one joint: the tiles of both sensors and those of the border.
@@ -443,11 +443,11 @@ fn put(rows: &mut [Row; 9], from: usize, at: usize, block: &Matrix3<f64>, sign: 
     }
 }
 
-fn flat(e: &imu::Residual) -> [f64; 9] {
+pub(super) fn flat(e: &imu::Residual) -> [f64; 9] {
     core::array::from_fn(|k| e[k / 3][k % 3])
 }
 
-fn whitened(whitening: &[[f64; 9]; 9], e: &[f64; 9]) -> [f64; 9] {
+pub(super) fn whitened(whitening: &[[f64; 9]; 9], e: &[f64; 9]) -> [f64; 9] {
     core::array::from_fn(|i| whitening[i][..=i].iter().zip(e).map(|(w, v)| w * v).sum())
 }
 

@@ -42,6 +42,7 @@ pub mod marginals;
 pub mod model;
 pub mod moments;
 pub mod preintegration;
+pub mod residuals;
 pub mod solve;
 pub mod states;
 pub mod tiles;
