@@ -268,15 +268,19 @@ def test_bands_are_what_small_turns_make_of_the_angles() -> None:
     root = 1e-3 * rng.normal(size=(10, 10))
     covariance = root @ root.T
     parts = covariance[None, :6, :6], covariance[None, :6, 6:], covariance[6:, 6:]
-    stated = std_deg("hip", "left", (upper, frames[0]), (lower, frames[1]), (turns[0], turns[1]), parts)[0]
+    posed = np.diag([1e-4, 4e-4, 9e-4])
+    given = (upper, frames[0]), (lower, frames[1]), (turns[0], turns[1]), parts
+    stated = std_deg("hip", "left", *given, (posed, np.zeros((3, 3))))[0]
     tilt = pelvis_std_deg((upper, frames[0]), turns[0], (parts[0][:, :3, :3], parts[1][:, :3], parts[2]))[0]
     drawn = root @ rng.normal(size=(10, 4000))
     angles = []
     for x in drawn.T:
         moved = [small(x[:3])[None] @ upper, small(x[3:6])[None] @ lower]
-        made = [frame @ small(turn @ x[6:]) for frame, turn in zip(frames, turns, strict=True)]
+        made = [frame @ small(by @ x[6:]) for frame, by in zip(frames, turns, strict=True)]
+        tilt_now = pelvis_deg((moved[0], made[0]))[0]
+        made[0] = made[0] @ small(rng.normal(size=3) * np.sqrt(np.diag(posed)))
         relative = between((moved[0], made[0]), (moved[1], made[1]))
-        angles.append([*angles_deg("hip", "left", relative)[0], *pelvis_deg((moved[0], made[0]))[0]])
+        angles.append([*angles_deg("hip", "left", relative)[0], *tilt_now])
     spread = np.std((np.array(angles) - angles[0] + 180.0) % 360.0, axis=0)
     np.testing.assert_allclose(spread, [*stated, *tilt], rtol=0.05)
 

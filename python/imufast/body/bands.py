@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from imufast.angles import quadratic
 from imufast.joint_angles import clinical
 
 __all__ = ["angles_deg", "between", "pelvis_deg", "pelvis_std_deg", "std_deg"]
@@ -29,6 +30,7 @@ def std_deg(
     lower: tuple[Array, Array],
     turns: tuple[Array, Array],
     covariance: tuple[Array, Array, Array],
+    posed: tuple[Array, Array],
 ) -> Array:
     """(K, 3) standard deviations of `angles_deg`, to first order; at most 180.
 
@@ -38,14 +40,17 @@ def std_deg(
         turns: (3, C) of either segment's frame, in its own axes, by the constants.
         covariance: (K, 6, 6) of the rotation vectors by which both sensors may be turned in the world, (K, 6, C) of these with
             the constants, (C, C) of the constants.
+        posed: (3, 3) of the error of either segment's frame by the pose that it was made from, as a small rotation in its axes,
+            rad².
     """
     relative = between(upper, lower)
     back = np.swapaxes(lower[0] @ lower[1], 1, 2)
     _, per_turn = clinical(relative, side, kind)
     # Rotation vector in the distal segment by the two turns in the world, and by the constants, which move both frames.
     by_turns = per_turn @ np.concatenate([-back, back], axis=2)
-    by_constants = per_turn @ (turns[1] - np.swapaxes(relative, 1, 2) @ turns[0])
-    return _std(by_turns, by_constants, covariance)
+    to_lower = np.swapaxes(relative, 1, 2)
+    by_constants = per_turn @ (turns[1] - to_lower @ turns[0])
+    return _std(by_turns, by_constants, covariance, quadratic(per_turn, posed[1]) + quadratic(per_turn @ to_lower, posed[0]))
 
 
 def pelvis_deg(pelvis: tuple[Array, Array]) -> Array:
@@ -75,10 +80,10 @@ def pelvis_std_deg(pelvis: tuple[Array, Array], turns: Array, covariance: tuple[
     return _std(per_turn @ back, per_turn @ turns, covariance)
 
 
-def _std(by_turns: Array, by_constants: Array, covariance: tuple[Array, Array, Array]) -> Array:
-    """(K, A) degrees, of gradients (K, A, T) and (K, A, C)."""
+def _std(by_turns: Array, by_constants: Array, covariance: tuple[Array, Array, Array], more: Array | float = 0.0) -> Array:
+    """(K, A) degrees, of gradients (K, A, T) and (K, A, C) and of further variances, rad²."""
     own, beside, constants = covariance
     variance = (by_turns @ own * by_turns).sum(axis=2) + (by_constants @ constants * by_constants).sum(axis=2)
     variance += 2.0 * (by_turns @ beside * by_constants).sum(axis=2)
-    std: Array = np.minimum(np.degrees(np.sqrt(np.maximum(variance, 0.0))), 180.0)
+    std: Array = np.minimum(np.degrees(np.sqrt(np.maximum(variance, 0.0) + more)), 180.0)
     return std

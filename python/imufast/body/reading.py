@@ -13,7 +13,7 @@ from imufast.body.residuals import residuals
 from imufast.body.result import BodyJoint, BodyStatus, LowerBody
 from imufast.body.settings import Anthropometry, LowerBodySettings
 from imufast.body.start import STILL, BodyStart
-from imufast.frames import spanned, turns_by
+from imufast.frames import STANDING_STD_DEG, spanned, turns_by
 from imufast.imu import Recording
 from imufast.quaternion import from_matrix, matrix, multiply
 
@@ -168,7 +168,22 @@ class Reading:
         own = fit.joint_covariance[:, j].reshape(-1, 6, 6)
         beside = fit.joint_constants[:, 6 * j : 6 * j + 6]
         covariance = (own, beside, fit.constants_covariance)
-        return std_deg(kind, side, self.of(upper), self.of(lower), (self.turns[upper], self.turns[lower]), covariance)
+        turns, posed = ((of[upper], of[lower]) for of in (self.turns, self.posed()))
+        return std_deg(kind, side, self.of(upper), self.of(lower), turns, covariance, posed)
+
+    def posed(self) -> dict[int, Array]:
+        """Sensor to (3, 3): how far its segment is taken to stand otherwise than the pose says that its frame rests on, as a
+        small rotation in its axes, rad². As `segment_frame` takes it."""
+        layout, bones = self.layout, self.layout.bones()
+        own = frames(layout, self.fit.centers, self.fit.axes, self.start.up)
+        variance, found = np.radians(STANDING_STD_DEG) ** 2, {}
+        for k, segment in enumerate(layout.segments):
+            kind, _, side = segment.partition("_")
+            bone = {"pelvis": "hips", "thigh": f"femur_{side}", "shank": f"tibia_{side}"}.get(kind)
+            # X, Y, Z: of a pelvis between both hips the tilt alone, of a bone nothing, of what has no axis of its own all.
+            about = [1.0, 1.0, 1.0] if k not in own else [1.0, 0.0, 1.0] if bone not in bones else [0.0, 0.0, float(kind == "pelvis")]
+            found[k] = variance * np.diag(about)
+        return found
 
     def pelvis(self) -> tuple[Array, Array]:
         """(K, 2) tilt and list, and their standard deviations, degrees; (K, 0) where there is none."""

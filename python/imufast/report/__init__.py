@@ -1,4 +1,4 @@
-"""The report of a calibration, a joint centre, tracked orientations and joint angles: one self-contained HTML file for people,
+"""The report of a calibration, a joint centre, tracked orientations, joint angles and a lower body: one self-contained HTML file for people,
 and a JSON twin for programs; and the figure of joint angles on its own.
 
 The page needs the extra `report` (matplotlib, jinja2); the JSON twin needs numpy alone.
@@ -43,11 +43,11 @@ def write_report(
     and what shows the heading. What the result does not hold is left out. The file is written whole or not at all.
 
     Args:
-        result: what `calibrate_joint`, `calibrate_hinge`, `HingeCalibrator`, `estimate_joint_center` or `track` gave, or a
-            `JointCalibration` that was loaded or made by hand.
+        result: what `calibrate_joint`, `calibrate_hinge`, `HingeCalibrator`, `estimate_joint_center`, `track` or
+            `estimate_lower_body` gave, or a `JointCalibration` that was loaded or made by hand.
         path: the file to write; an existing one is replaced.
         recording: the two sensors it was made from, a pair of Imus or a Recording of two: adds their names and how the joint
-            turned; of orientations also residual and observability.
+            turned; of orientations also residual and observability. Of a `LowerBody` the Recording of all its sensors.
         title: of the report.
         warnings: what else the reader should know, one sentence each.
         angles: of a `RelativeOrientation`: the joint angles that `hinge_angle` or `joint_angles` made of it, to be shown first.

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imufast.body.layout import SIDES
+from imufast.body.reading import UNSEEN_DEG
 from imufast.body.result import LowerBody
 from imufast.body.skeleton import skeleton
 from imufast.imu import GAP_STEPS
@@ -55,6 +56,8 @@ def body_plain(body: LowerBody, warnings: Sequence[str], most: int | None) -> di
         "knee_axis": body.knee_axis,
         "residuals": body.residuals,
         "residual_names": words.RESIDUALS,
+        "contradicted": words.CONTRADICTED,
+        "unseen_deg": UNSEEN_DEG,
         "residual_words": words.residual_words(body),
         "cost": body.cost,
         "iterations": body.iterations,

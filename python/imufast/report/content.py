@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from imufast.angles import JointAngles
 from imufast.axis import JointAxis
+from imufast.body.result import LowerBody
+from imufast.body.settings import Anthropometry
 from imufast.calibration import JointCalibration
 from imufast.center import CenterEstimate
 from imufast.decide import HingeStep
@@ -22,6 +24,7 @@ from imufast.imu import Imu, Recording
 from imufast.pairs import check_pair, pair_signals
 from imufast.report import joint_words
 from imufast.report.angle_content import angles_plain
+from imufast.report.body_content import body_plain
 from imufast.report.center_content import acc_bias_plain, center_plain
 from imufast.report.hinge_content import hinge_plain
 from imufast.report.joint_words import Result
@@ -33,9 +36,14 @@ __all__ = ["SCHEMAS", "SCHEMA_VERSION", "Pair", "Reported", "installed_version",
 
 Array = NDArray[np.float64]
 Pair: TypeAlias = Recording | Sequence[Imu]
-Reported: TypeAlias = Result | RelativeOrientation
+Reported: TypeAlias = Result | RelativeOrientation | LowerBody
 
-SCHEMAS = {"hinge": "imufast.hinge-report", "joint": "imufast.joint-report", "orientation": "imufast.orientation-report"}
+SCHEMAS = {
+    "hinge": "imufast.hinge-report",
+    "joint": "imufast.joint-report",
+    "orientation": "imufast.orientation-report",
+    "body": "imufast.body-report",
+}
 """The first two have the same names. In that of a `HingeCalibration`, `center` and all else that is told of a centre is null;
 in that of a `JointCalibration` or a `CenterEstimate`, whatever it does not hold: of a centre alone also `verdict` and
 `accepted`."""
@@ -71,14 +79,14 @@ def report_json(
     not finite or, in settings, without limit).
 
     Names end in their unit: `_s`, `_deg`, `_rad_s`, `_m`. `schema` and `schema_version` say what to expect:
-    "imufast.hinge-report" of a HingeCalibration, "imufast.orientation-report" of a RelativeOrientation, else
-    "imufast.joint-report"; the first and the last have the same names. What a result does not hold is None.
+    "imufast.hinge-report" of a HingeCalibration, "imufast.orientation-report" of a RelativeOrientation,
+    "imufast.body-report" of a LowerBody, else "imufast.joint-report"; the first and the last have the same names. What a result does not hold is None.
 
     Args:
-        result: what `calibrate_joint`, `calibrate_hinge`, `HingeCalibrator`, `estimate_joint_center` or `track` gave, or a
-            `JointCalibration` that was loaded or made by hand.
+        result: what `calibrate_joint`, `calibrate_hinge`, `HingeCalibrator`, `estimate_joint_center`, `track` or
+            `estimate_lower_body` gave, or a `JointCalibration` that was loaded or made by hand.
         recording: the two sensors it was made from, a pair of Imus or a Recording of two; adds names and excitation, of a
-            `RelativeOrientation` residual and observability.
+            `RelativeOrientation` residual and observability. Of a `LowerBody` the Recording of all its sensors.
         title: of the report.
         warnings: what else the reader should know, one sentence each.
         angles: of a `RelativeOrientation`: the joint angles that were made of it. Default None.
@@ -88,8 +96,8 @@ def report_json(
     Raises:
         InputError: an argument of the wrong kind.
     """
-    if not isinstance(result, (HingeCalibration, JointCalibration, CenterEstimate, RelativeOrientation)):
-        kinds = "a JointCalibration, a HingeCalibration, a CenterEstimate or a RelativeOrientation"
+    if not isinstance(result, (HingeCalibration, JointCalibration, CenterEstimate, RelativeOrientation, LowerBody)):
+        kinds = "a JointCalibration, a HingeCalibration, a CenterEstimate, a RelativeOrientation or a LowerBody"
         raise InputError(f"result must be {kinds}, got {type(result).__name__}")
     if title is not None and not isinstance(title, str):
         raise InputError(f"title must be a text or None, got {type(title).__name__}")
@@ -102,8 +110,11 @@ def report_json(
             raise InputError(f"angles must be JointAngles, and go with a RelativeOrientation; got {type(angles).__name__}")
         if not np.array_equal(angles.time_s, result.time_s):
             raise InputError("angles are not of this relative orientation: the times of their samples differ")
-    pair = _pair(recording)
     told = [str(warning) for warning in warnings]
+    if isinstance(result, LowerBody):
+        whole: dict[str, Any] = _clean(_body(result, recording, title, told, max_points))
+        return whole
+    pair = _pair(recording)
     if isinstance(result, RelativeOrientation):
         of_angles = None if angles is None else "Joint angle" if len(angles.names) == 1 else "Joint angles"
         plain = _orientation(result, pair, title or of_angles, told, max_points)
@@ -130,6 +141,29 @@ def _orientation(
         "recording": _recording(pair),
         "calibration": {name: calibration[name] for name in (*names, *biases)},
         **orientation_plain(rel, pair, warnings, most),
+    }
+
+
+def _body(
+    body: LowerBody, recording: object, title: str | None, warnings: list[str], most: int | None
+) -> dict[str, Any]:
+    """All of a lower body's report."""
+    sensor = None
+    if recording is not None:
+        if not isinstance(recording, Recording):
+            raise InputError(f"recording must be the Recording of all sensors or None, got {type(recording).__name__}")
+        missing = [name for name in body.placement.values() if name not in recording]
+        if missing:
+            raise InputError(f"recording is not the one it was made from: it has no sensor {missing[0]!r}")
+        sensor = recording[next(iter(body.placement.values()))]
+    return {
+        "schema": SCHEMAS["body"],
+        "schema_version": SCHEMA_VERSION,
+        "imufast_version": installed_version(),
+        "title": title or "Lower body",
+        "recording": _recording(None if sensor is None else (sensor, sensor)),
+        "own_measures": body.anthropometry != Anthropometry(),
+        **body_plain(body, warnings, most),
     }
 
 

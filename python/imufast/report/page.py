@@ -7,6 +7,7 @@ from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 from imufast.errors import ImufastError
+from imufast.report.body_words import name_words
 from imufast.report.words import UNKNOWN_DEG, duration
 
 if TYPE_CHECKING:
@@ -49,7 +50,9 @@ def html(report: dict[str, Any]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"number": _number, "duration": duration, "setting": _setting}
+    environment.filters |= {"number": _number, "duration": duration, "setting": _setting, "words": name_words}
+    if "joints" in report:
+        return _body_page(report, environment.get_template("body.html.j2"))
     if "curve" in report:
         return _orientation_page(report, environment.get_template("orientation.html.j2"))
     template = environment.get_template("page.html.j2")
@@ -110,6 +113,26 @@ def _orientation_page(report: dict[str, Any], template: jinja2.Template) -> str:
         tone=tone,
         unknown_deg=UNKNOWN_DEG,
     )
+
+
+def _body_page(report: dict[str, Any], template: jinja2.Template) -> str:
+    """The page of a lower body."""
+    from imufast.report import body_figure as draw
+    from imufast.report.figures import clock_of
+
+    clock = clock_of(report)
+    pictures = {
+        "heading": draw.heading_picture(report, clock),
+        "lengths": draw.lengths_picture(report) if report["lengths"] else "",
+        "history": draw.history_picture(report) if report["history"]["cost"] else "",
+    }
+    if report["angles"]:
+        pictures["stick"] = draw.stick_picture(report, clock)
+        pictures["flexion"] = draw.flexion_picture(report, clock)
+        pictures["close"] = draw.close_picture(report, clock)
+    known = all(joint["determined"] for joint in report["joints"].values())
+    tones = {"CONVERGED": "good" if known else "open", "NUMERICAL_ERROR": "bad"}
+    return template.render(report=report, pictures=pictures, tone=tones.get(report["status"], "open"))
 
 
 def _center_mm(center: dict[str, Any] | None, sensor: int) -> dict[str, Any]:
