@@ -64,7 +64,9 @@ class Placement:
             names = [name for name, info in recording.info.items() if Path(info.file).resolve() == asked]
             if not names:
                 read = sorted({Path(info.file).name for info in recording.info.values()})
-                raise InputError(f"{self.path.name}: {key} is in file {str(worn.file)!r}, which was not read; read: {', '.join(read)}")
+                raise InputError(
+                    f"{self.path.name}: {key} is in file {str(worn.file)!r}, which was not read; read: {', '.join(read)}"
+                )
         there = f"there {'is' if len(names) == 1 else 'are'} {', '.join(map(repr, names))}"
         if worn.sensor is None:
             if len(names) != 1:
@@ -135,11 +137,13 @@ def read_placement(path: str | os.PathLike[str]) -> Placement:
             raise InputError(f"{where.name}: {name} must be a table, [{name}], got {tables[name]!r}")
     placed = tables.get("placement", {})
     if not placed:
-        raise InputError(f"{where.name}: [placement] must say which sensor is on which segment, such as pelvis = \"sensor name\"")
+        raise InputError(f'{where.name}: [placement] must say which sensor is on which segment, such as pelvis = "sensor name"')
     worn = {}
     for segment, value in placed.items():
         if segment not in SEGMENTS:
-            raise InputError(f"{where.name}: [placement] {segment} = {value!r} is no segment; segments are {', '.join(SEGMENTS)}")
+            raise InputError(
+                f"{where.name}: [placement] {segment} = {value!r} is no segment; segments are {', '.join(SEGMENTS)}"
+            )
         worn[segment] = _worn(where, segment, value)
     return Placement(where, worn, _subject(where, tables.get("subject", {})))
 

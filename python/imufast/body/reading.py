@@ -181,7 +181,13 @@ class Reading:
             kind, _, side = segment.partition("_")
             bone = {"pelvis": "hips", "thigh": f"femur_{side}", "shank": f"tibia_{side}"}.get(kind)
             # X, Y, Z: of a pelvis between both hips the tilt alone, of a bone nothing, of what has no axis of its own all.
-            about = [1.0, 1.0, 1.0] if k not in own else [1.0, 0.0, 1.0] if bone not in bones else [0.0, 0.0, float(kind == "pelvis")]
+            about = (
+                [1.0, 1.0, 1.0]
+                if k not in own
+                else [1.0, 0.0, 1.0]
+                if bone not in bones
+                else [0.0, 0.0, float(kind == "pelvis")]
+            )
             found[k] = variance * np.diag(about)
         return found
 

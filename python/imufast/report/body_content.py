@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 CLOSE_S = 8.0
 """So much of the recording is shown from near, s."""
-FIGURES, FIGURE_STEP_S = 7, 0.2
+FIGURES, FIGURE_STEP_S = 6, 0.2
 """Stick figures, and the time from one to the next, s."""
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from imufast.report.axes_figure import PALE
@@ -15,7 +18,9 @@ from imufast.report.svg import inline_svg
 
 __all__ = [
     "SIDE_COLOURS",
+    "chains",
     "close_picture",
+    "draw_sticks",
     "flexion_picture",
     "heading_picture",
     "history_picture",
@@ -61,9 +66,9 @@ def close_picture(report: dict[str, Any], clock: Clock) -> str:
     close = report["close"]
     kinds = [kind for kind in ("hip", "knee", "ankle") if any(a["kind"] == kind for a in close["angles"])]
     titles = {angles["kind"]: angles["titles"] for angles in report["angles"]}
-    height = 1.6 * len(kinds) + 0.75
+    height = 1.6 * len(kinds) + 0.95
     figure = Figure(figsize=(WIDTH_IN, height), facecolor="none")
-    grid = {"hspace": 0.42, "wspace": 0.2, "left": 0.065, "right": 0.985, "top": 1.0 - 0.32 / height, "bottom": 0.5 / height}
+    grid = {"hspace": 0.42, "wspace": 0.2, "left": 0.065, "right": 0.985, "top": 1.0 - 0.5 / height, "bottom": 0.5 / height}
     rows = figure.subplots(len(kinds), 3, sharex=True, squeeze=False, gridspec_kw=grid)
     for row, kind in zip(rows, kinds, strict=True):
         for k, panel in enumerate(row):
@@ -79,7 +84,7 @@ def close_picture(report: dict[str, Any], clock: Clock) -> str:
                 panel.set_ylabel("degrees", fontsize=FONT, color=DARK)
     for panel in rows[-1]:
         panel.set_xlabel(f"time, {clock.name}", fontsize=FONT, color=DARK)
-    _legend(rows[0][2])
+    _legend(rows[0][2], above=1.12)
     return inline_svg(figure, "n", "All angles of hips, knees and ankles in eight seconds, both sides, with bands")
 
 
@@ -87,90 +92,122 @@ def stick_picture(report: dict[str, Any], clock: Clock) -> str:
     """The subject at a few moments, from the right and from behind."""
     figures = report["figures"]
     points = {name: np.array(place) for name, place in figures["points_m"].items()}
-    count = len(figures["time_s"])
-    top = max(float(place[:, 2].max()) for place in points.values()) + 0.04
+    every = np.stack(list(points.values()))
+    top = float(every[:, :, 2].max()) + 0.03
     # From the right: ahead is to the right of the picture; from behind: the subject's right is.
-    views = (("seen from the right", 1), ("seen from behind", 0))
-    widths = [max(1.15 * max(float(np.abs(place[:, axis]).max()) for place in points.values()), 0.3) for _, axis in views]
-    height = 5.6
+    views = (("Seen from the right", 1), ("Seen from behind", 0))
+    widest = max(float(np.ptp(every[:, :, axis], axis=0).max()) for _, axis in views)
+    pitch = max(widest + 0.12, 0.55 * top)
+    middles = {axis: 0.5 * (every[:, :, axis].max(axis=0) + every[:, :, axis].min(axis=0)) for _, axis in views}
+    count, lines = len(figures["time_s"]), chains(figures)
+    # One scale for all, inches a metre.
+    scale = min(WIDTH_IN * 0.97 / (count * pitch), 2.6 / top)
+    head, foot = 0.3, 0.32
+    height = 2.0 * (top * scale + head) + foot
     figure = Figure(figsize=(WIDTH_IN, height), facecolor="none")
-    grid = {"hspace": 0.2, "left": 0.02, "right": 0.985, "top": 0.95, "bottom": 0.06}
-    rows = figure.subplots(2, 1, squeeze=False, gridspec_kw=grid)[:, 0]
-    for panel, (title, axis), width in zip(rows, views, widths, strict=True):
-        for side in ("top", "right", "left", "bottom"):
-            panel.spines[side].set_visible(False)
-        panel.set_title(title.capitalize(), loc="left", fontsize=FONT + 0.5, fontweight="bold", color=DARK, pad=4)
-        pitch = max(2.0 * width, 1.45 * top * WIDTH_IN / height * 2.0 / count * 0.82)
+    for row, (title, axis) in enumerate(views):
+        bottom = foot + (1 - row) * (top * scale + head)
+        panel = figure.add_axes((0.015, bottom / height, 0.97, top * scale / height))
+        panel.set_axis_off()
+        panel.set_title(title, loc="left", fontsize=FONT + 0.5, fontweight="bold", color=DARK, pad=5)
+        across = WIDTH_IN * 0.97 / scale
+        panel.set_xlim(-0.5 * across, 0.5 * across)
+        panel.set_ylim(0.0, top)
+        panel.axhline(0.0, color=PALE, linewidth=1.2, zorder=1, clip_on=False)
         for k in range(count):
-            for name, (one, other) in figures["bones"].items():
-                a, b = points[one][k], points[other][k]
-                side = name.rpartition("_")[2]
-                colour = SIDE_COLOURS.get(side, DARK) if not name.startswith("trunk") else DARK
-                broken = {one, other} & set(figures["assumed"])
-                panel.plot(
-                    [k * pitch + a[axis], k * pitch + b[axis]],
-                    [a[2], b[2]],
-                    color=colour,
-                    linestyle=":" if broken else "-",
-                    linewidth=2.2 if not name.startswith(("trunk", "pelvis")) else 1.4,
-                    solid_capstyle="round",
-                    # From the right the right leg is in front.
-                    zorder=3 if side == "right" else 2,
-                    alpha=0.95,
-                )
-            for name, place in points.items():
-                if not name.startswith(("toe", "lumbar")):
-                    colour = SIDE_COLOURS.get(name.rpartition("_")[2], DARK)
-                    panel.plot(k * pitch + place[k, axis], place[k, 2], "o", color=colour, markersize=3.0, zorder=4)
-            if axis == 0:
-                at = float(clock(figures["time_s"][k]))
-                panel.text(k * pitch, -0.07, f"{at:.4g} {clock.name}", ha="center", va="top", fontsize=FONT - 0.5, color=DARK)
-        panel.axhline(0.0, color=PALE, linewidth=0.8, zorder=1)
-        panel.set_xlim(-0.55 * pitch, (count - 0.45) * pitch)
-        panel.set_ylim(-0.16 if axis == 0 else -0.03, top)
-        panel.set_aspect("equal", adjustable="datalim")
-        panel.set_xticks([])
-        panel.set_yticks([])
-    for side, colour in SIDE_COLOURS.items():
-        rows[0].plot([], [], color=colour, linewidth=2.2, label=side)
-    _legend(rows[0])
+            at = (k - 0.5 * (count - 1)) * across / count - middles[axis][k]
+            draw_sticks(panel, {name: place[k] for name, place in points.items()}, lines, axis, at)
+            if row == 1:
+                moment = f"{float(clock(figures['time_s'][k])):.4g} {clock.name}"
+                panel.text(at + middles[axis][k], -0.05, moment, ha="center", va="top", fontsize=FONT - 0.5, color=DARK)
+        if row == 0:
+            for side, colour in SIDE_COLOURS.items():
+                panel.plot([], [], color=colour, linewidth=2.2, label=side)
+            _legend(panel)
     return inline_svg(figure, "s", "Stick figures of pelvis and legs at a few moments, from the right and from behind")
 
 
+def chains(drawn: Mapping[str, Any]) -> list[tuple[list[str], str]]:
+    """Lines of one stroke: names of points, and "right", "left", "torso" or, of what is assumed, "right:" and "left:"."""
+    bones, assumed = {tuple(ends) for ends in drawn["bones"].values()}, set(drawn["assumed"])
+    found = []
+    for side in SIDE_COLOURS:
+        names = [f"{joint}_{side}" for joint in ("hip", "knee", "ankle", "toe")]
+        for ends in zip(names, names[1:], strict=False):
+            kind = side + ":" * bool(assumed & set(ends))
+            if ends not in bones:
+                continue
+            if found and found[-1][1] == kind and found[-1][0][-1] == ends[0]:
+                found[-1][0].append(ends[1])
+            else:
+                found.append((list(ends), kind))
+    torso = [name for name in ("hip_left", "lumbar", "hip_right") if any(name in ends for ends in bones if "lumbar" in ends)]
+    return [*found, ([*torso, *torso[:1]], "torso")] if torso else found
+
+
+def draw_sticks(
+    panel: Axes, points: Mapping[str, Array], lines: Sequence[tuple[list[str], str]], axis: int, at: float = 0.0
+) -> list[Line2D]:
+    """One stick figure, a line a chain: places (3,) by name, `chains`, which axis goes to the right, and where."""
+    made: list[Line2D] = []
+    for names, kind in lines:
+        side = kind.rstrip(":")
+        across, up = [at + points[name][axis] for name in names], [points[name][2] for name in names]
+        made += panel.plot(
+            across,
+            up,
+            color=SIDE_COLOURS.get(side, DARK),
+            linestyle=":" if kind.endswith(":") else "-",
+            linewidth=1.4 if kind == "torso" else 2.4,
+            solid_capstyle="round",
+            solid_joinstyle="round",
+            marker="o",
+            markersize=4.4,
+            # Joints alone have a dot.
+            markevery=[k for k, name in enumerate(names) if kind != "torso" and not name.startswith("toe")],
+            # From the right the right leg is in front.
+            zorder=3 if side == "right" else 2,
+            clip_on=False,
+        )
+    return made
+
+
 def lengths_picture(report: dict[str, Any]) -> str:
-    """Lengths as found beside what is usual."""
+    """How far lengths come out from what is expected."""
     lengths = report["lengths"]
-    height = 0.3 * len(lengths) + 0.75
+    height = 0.3 * len(lengths) + 0.6
     figure = Figure(figsize=(WIDTH_IN, height), facecolor="none")
-    panel = figure.add_axes((0.14, 0.5 / height, 0.835, 1.0 - 0.75 / height))
+    panel = figure.add_axes((0.14, 0.47 / height, 0.835, 1.0 - 0.52 / height))
     _style(panel, "")
-    panel.grid(axis="x", color=PALE, alpha=0.25, linewidth=0.6)
+    panel.grid(axis="y", visible=False)
+    panel.axvline(0.0, color=DARK, linewidth=0.8, zorder=2)
     for k, length in enumerate(lengths):
-        mean, spread = 100.0 * length["expected_m"], 100.0 * length["expected_std_m"]
-        panel.barh(-k, 4.0 * spread, left=mean - 2.0 * spread, height=0.56, color=GREY, zorder=1)
-        panel.plot([mean, mean], [-k - 0.28, -k + 0.28], color=PALE, linewidth=1.0, zorder=2)
+        spread = 100.0 * length["expected_std_m"]
+        panel.barh(-k, 4.0 * spread, left=-2.0 * spread, height=0.6, color=GREY, zorder=1)
         colour = SIDE_COLOURS.get(length["name"].split()[0], GREEN)
-        value, std = 100.0 * length["length_m"], 100.0 * (length["std_m"] or 0.0)
+        value, std = 100.0 * (length["length_m"] - length["expected_m"]), 100.0 * (length["std_m"] or 0.0)
         panel.errorbar(value, -k, xerr=2.0 * std, color=colour, fmt="o", markersize=4.5, capsize=3.0, linewidth=1.4, zorder=3)
     panel.set_yticks([-k for k in range(len(lengths))], [length["name"] for length in lengths], fontsize=FONT)
     panel.set_ylim(-len(lengths) + 0.4, 0.6)
-    panel.set_xlabel("cm", fontsize=FONT, color=DARK)
-    return inline_svg(figure, "l", "Lengths as found with bands, beside what is usual")
+    panel.set_xlabel("found, less what is expected, cm", fontsize=FONT, color=DARK)
+    return inline_svg(figure, "l", "Lengths as found with bands, less what is expected")
 
 
 def heading_picture(report: dict[str, Any], clock: Clock) -> str:
     """How certain the heading of each joint is, over time."""
     figure = Figure(figsize=(WIDTH_IN, 2.6), facecolor="none")
     panel = figure.add_axes((0.065, 0.17, 0.92, 0.68))
-    _style(panel, "Heading between the two segments of a joint: standard deviation")
+    _style(panel, "Heading: standard deviation")
     for name, joint in report["joints"].items():
         kind, _, side = name.partition("_")
         time = _broken(joint["time_s"], joint["time_s"], report)
         std = np.maximum(_broken(joint["heading_std_deg"], joint["time_s"], report), LEAST_HEADING_DEG)
         panel.plot(clock(time), std, color=SIDE_COLOURS[side], linestyle=MARKS[kind], linewidth=1.1, label=joint["name"])
     panel.set_yscale("log")
-    panel.set_ylim(bottom=LEAST_HEADING_DEG)
+    panel.set_ylim(LEAST_HEADING_DEG, max(panel.get_ylim()[1], 1.5 * report["unseen_deg"]))
+    panel.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
     panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    panel.yaxis.set_minor_formatter(NullFormatter())
     panel.axhline(report["unseen_deg"], color=DARK, linewidth=0.8, linestyle="--")
     _gaps(panel, report, clock)
     panel.set_xlim(0.0, clock.stop)
@@ -239,10 +276,10 @@ def _limits(panel: Axes, curves: list[tuple[Any, Any]], least: float = 1.0) -> N
     panel.axhline(0.0, color=DARK, linewidth=0.6, zorder=1)
 
 
-def _legend(panel: Axes, columns: int = 2) -> None:
+def _legend(panel: Axes, columns: int = 2, above: float = 0.985) -> None:
     panel.legend(
         loc="lower right",
-        bbox_to_anchor=(1.004, 0.985),
+        bbox_to_anchor=(1.004, above),
         ncols=columns,
         fontsize=FONT - 0.5,
         frameon=False,

@@ -112,7 +112,7 @@ def certainty(body: LowerBody) -> str:
 def joint_words(name: str, joint: BodyJoint) -> str:
     """What the motion tells of a joint, in one sentence."""
     if joint.determined:
-        return "Known: the motion shows how its segments are turned against each other, and where its centre is."
+        return "The motion shows how its segments are turned against each other, and its centre."
     heading = float(np.median(joint.heading_std_deg))
     said = []
     if heading > UNSEEN_DEG:
@@ -136,5 +136,5 @@ def residual_words(body: LowerBody) -> list[str]:
         if beyond:
             worst = max(abs(values[name]) for name in beyond)
             names = ", ".join(map(name_words, beyond))
-            said.append(f"{RESIDUALS.get(kind, kind)}: {names}, up to {worst:.1f} standard deviations")
+            said.append(f"{RESIDUALS.get(kind, kind)}: {names}, up to {worst:.3g} standard deviations")
     return said

@@ -144,9 +144,7 @@ def _orientation(
     }
 
 
-def _body(
-    body: LowerBody, recording: object, title: str | None, warnings: list[str], most: int | None
-) -> dict[str, Any]:
+def _body(body: LowerBody, recording: object, title: str | None, warnings: list[str], most: int | None) -> dict[str, Any]:
     """All of a lower body's report."""
     sensor = None
     if recording is not None:
