@@ -18,7 +18,7 @@ $(BIN)/maturin: pyproject.toml
 
 # The package with every extra that tests need, built in release mode and importable from the source tree.
 .venv/.built: $(BIN)/maturin $(RUST)
-	VIRTUAL_ENV="$(CURDIR)/.venv" PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/maturin develop --quiet --release --extras cli,report,io,dev
+	VIRTUAL_ENV="$(CURDIR)/.venv" PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/maturin develop --quiet --release --extras cli,report,io,animate,dev
 	@touch $@
 
 # ...and the peers that imufast is measured beside.

@@ -61,12 +61,13 @@ def pelvis_deg(pelvis: tuple[Array, Array]) -> Array:
         pelvis: (K, 3, 3) sensor to world, z up, and (3, 3) segment to sensor.
     """
     up = (pelvis[0] @ pelvis[1])[:, 2]
-    return np.degrees(np.stack([np.arcsin(np.clip(up[:, 0], -1.0, 1.0)), np.arctan2(-up[:, 2], up[:, 1])], axis=1))
+    angles: Array = np.degrees(np.stack([np.arcsin(np.clip(up[:, 0], -1.0, 1.0)), np.arctan2(-up[:, 2], up[:, 1])], axis=1))
+    return angles
 
 
 def pelvis_std_deg(pelvis: tuple[Array, Array], turns: Array, covariance: tuple[Array, Array, Array]) -> Array:
-    """(K, 2) standard deviations of `pelvis_deg`, to first order; at most 180. `covariance` as of `std_deg`, (K, 3, 3), (K, 3, C)
-    and (C, C)."""
+    """(K, 2) standard deviations of `pelvis_deg`, to first order; at most 180. `covariance` as of `std_deg`: (K, 3, 3),
+    (K, 3, C) and (C, C)."""
     tilt, list_ = np.radians(pelvis_deg(pelvis)).T
     slope, zero = np.tan(np.clip(tilt, -1.5, 1.5)), np.zeros(len(tilt))
     per_turn = np.stack(

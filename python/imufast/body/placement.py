@@ -161,7 +161,8 @@ def _parsed(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > LARGEST_BYTES:
             raise FileFormatError(f"placement {str(path)!r} is no placement: it is larger than {LARGEST_BYTES} bytes")
-        return tomllib.loads(path.read_text("utf-8-sig"))
+        tables: dict[str, Any] = tomllib.loads(path.read_text("utf-8-sig"))
+        return tables
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise FileFormatError(f"placement {str(path)!r} is no TOML: {error}") from None
     except OSError as error:

@@ -72,7 +72,7 @@ class Reading:
             usual, spread = getattr(self.anthropometry, f"{name.partition('_')[0]}_m")
             if abs(length - usual) > UNLIKELY * spread:
                 why.append(
-                    f"{name} came out {100 * length:.0f} cm long where {100 * usual:.0f} ± {100 * spread:.0f} cm was expected: "
+                    f"{name} came out {100 * length:.0f} cm long where {100 * usual:.0f} ± {100 * spread:.1f} cm was expected: "
                     "its joint centres and their standard deviations are not to be trusted"
                 )
         knees: dict[str, Array] = {}

@@ -82,8 +82,8 @@ class LowerBody:
         lengths_m: "femur_right", "tibia_left", "hips" ... to (length, standard deviation), m.
         cost: minus the logarithm of the posterior, up to a constant.
         iterations: linear systems solved.
-        residuals: kind of term ("dynamics", "joint_center", "hinge" ...) to segment, joint or bone to the root mean square of its
-            residual over its standard deviation; much more than 1 contradicts what was assumed.
+        residuals: kind of term ("dynamics", "joint_center", "hinge" ...) to segment, joint or bone to the root mean square
+            of its residual over its standard deviation; much more than 1 contradicts what was assumed.
         history: (T, 5) of these: cost before, after, promised fall, damping, whether taken.
         placement, anthropometry, settings: what it was made with.
     """

@@ -23,8 +23,8 @@ LUMBAR_M, TOE_M, SOLE_M = 0.12, 0.17, 0.07
 
 @dataclass(frozen=True, eq=False)
 class Skeleton:
-    """Places of joints over time, x to the subject's right, y ahead, z up; the hips (or what comes first) stay where they are, the
-    lowest point of the legs is at 0.
+    """Places of joints over time, x to the subject's right, y ahead, z up; the hips (or what comes first) stay where they are,
+    the lowest point of the legs is at 0.
 
     Attributes:
         time_s: (K,) s.

@@ -1,4 +1,4 @@
-"""The command line: `imufast demo | info | calibrate | track`. Needs the extra `cli`; importing imufast does not."""
+"""The command line: `imufast demo | info | calibrate | track | body`. Needs the extra `cli`; importing imufast does not."""
 
 from __future__ import annotations
 

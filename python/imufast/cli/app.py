@@ -2,19 +2,15 @@
 
 Exit codes: 0 done, 2 wrong input (one line on stderr says which); of `calibrate` also 3 not enough information, 4 not a hinge
 (nor, with `--joint auto`, a ball joint), 5 the mounting changed on the way; of `track` also 3 not observable, 4 the search
-did not end as it should; with --angles also 3 no hinge axis yet, 4 not a hinge.
+did not end as it should; with --angles also 3 no hinge axis yet, 4 not a hinge; of `body` also 3 and 4 as of `track`.
 """
 
 from __future__ import annotations
 
-import json
 import math
 import time
-import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TextIO, TypeVar
+from typing import Any
 
 import click
 
@@ -23,128 +19,51 @@ from imufast.calibration import JointCalibration
 from imufast.cli import angled, show, tracked, truth
 from imufast.cli import result as print_result
 from imufast.cli.angled import AngleOptions, angle_options
+from imufast.cli.body import body
 from imufast.cli.outputs import Outputs, check_outputs, write, write_tracked
-from imufast.errors import ImufastError, ImufastWarning, InputError
+from imufast.cli.reading import guard, offset_of, read_files, reading_options
+from imufast.errors import ImufastError, InputError
 from imufast.imu import Imu, Recording
-from imufast.io import format_names, read
 from imufast.report import words
 from imufast.settings import HingeSettings, settings_from
 from imufast.simulate import random_biases, simulate_hinge
-from imufast.sync import TimeOffset, time_offset
 from imufast.track import METHODS
 from imufast.track import track as track_pair
 
 __all__ = ["app"]
 
-WRONG_INPUT = 2
 DEMO_REPORT = "imufast-demo.html"
-
-Command = TypeVar("Command", bound=Callable[..., Any])
-
-
-@contextmanager
-def _guard() -> Iterator[list[str]]:
-    """Warnings of imufast become lines, and are listed; its errors become one line and exit code 2."""
-    warned: list[str] = []
-    with warnings.catch_warnings():
-        usual = warnings.showwarning
-
-        def say(
-            message: Warning | str,
-            category: type[Warning],
-            filename: str,
-            lineno: int,
-            file: TextIO | None = None,
-            line: str | None = None,
-        ) -> None:
-            if issubclass(category, ImufastWarning):
-                warned.append(str(message))
-                show.warning(str(message))
-            else:
-                usual(message, category, filename, lineno, file, line)
-
-        warnings.showwarning = say
-        warnings.simplefilter("always", ImufastWarning)
-        try:
-            yield warned
-        except ImufastError as error:
-            show.error(str(error))
-            raise SystemExit(WRONG_INPUT) from None
-
-
-def _reading_options(command: Command) -> Command:
-    """The options that say how files are to be read."""
-    for option in (
-        click.option(
-            "--columns",
-            multiple=True,
-            metavar="KEY=A,B,C",
-            help="Columns of a csv file: gyr=GX,GY,GZ, acc=AX,AY,AZ and time_s=T (or time_ms, time_us), one --columns each; "
-            "with several sensors thigh.gyr=... and so on. Or all of it as one JSON object.",
-        ),
-        click.option("--units", help="Units to convert from, such as 'deg/s, g'. Default: as the file states, else SI."),
-        click.option("--format", "format_name", type=click.Choice(format_names()), help="Default: recognised by content."),
-        click.option("--rate", "rate_hz", type=float, metavar="HZ", help="Samples per second, where the file does not say."),
-    ):
-        command = option(command)
-    return command
-
-
-def _parse_columns(given: Sequence[str]) -> dict[str, Any] | None:
-    """The mapping that `read(columns=...)` takes, from JSON or key=a,b,c."""
-    columns: dict[str, Any] = {}
-    for text in given:
-        if text.lstrip().startswith("{"):
-            try:
-                part = json.loads(text)
-            except (ValueError, RecursionError) as error:
-                raise InputError(f"--columns is not valid JSON ({error}): {text!r}") from None
-            columns.update(part)
-            continue
-        key, equals, value = text.partition("=")
-        names = [name.strip() for name in value.split(",")]
-        if not equals or not key.strip() or not all(names):
-            raise InputError(f"--columns must look like gyr=GX,GY,GZ, got {text!r}")
-        *sensor, key = key.strip().rsplit(".", 1)
-        place = columns.setdefault(sensor[0], {}) if sensor else columns
-        place[key] = names if key in ("gyr", "acc") else ",".join(names)
-    return columns or None
-
-
-def _read(
-    files: Sequence[Path], rate_hz: float | None, format_name: str | None, units: str | None, columns: Sequence[str]
-) -> Recording:
-    chosen = _parse_columns(columns)
-    with show.waiting(f"Reading {len(files)} file{'s' * (len(files) > 1)}", files):
-        return read(list(files), format=format_name, rate_hz=rate_hz, columns=chosen, units=units)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="imufast", prog_name="imufast", message="%(prog)s %(version)s")
 def app() -> None:
-    """Raw recordings of body-worn inertial sensors in; trusted joint calibration and relative orientation out."""
+    """Raw recordings of body-worn inertial sensors in; trusted joint calibration and joint motion out."""
+
+
+app.add_command(body)
 
 
 @app.command()
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
-@_reading_options
+@reading_options
 def info(files: tuple[Path, ...], **reading: Any) -> None:
     """What is in FILES: sensors, samples, rate, losses, warnings; the time offset if there are two sensors.
 
     Files of one recording are joined; files that cannot be are shown one by one, with the reason.
     """
-    with _guard():
+    with guard():
         try:
-            recordings = [_read(files, **reading)]
+            recordings = [read_files(files, **reading)]
         except InputError as reason:
             if len(files) == 1:
                 raise
-            recordings = [_read([file], **reading) for file in files]
+            recordings = [read_files([file], **reading) for file in files]
             show.warning(f"shown one by one, for they cannot be joined: {reason}")
         for recording in recordings:
             show.recording(recording)
             if len(recording) == 2:
-                show.offset(_offset(*recording.values()), *recording)
+                show.offset(offset_of(*recording.values()), *recording)
 
 
 @app.command()
@@ -166,7 +85,7 @@ def info(files: tuple[Path, ...], **reading: Any) -> None:
     help="Low-pass before the axis is sought; 0: raw signals. Default: 4, for people, whose straps wobble. The centre has its "
     "own.",
 )
-@_reading_options
+@reading_options
 def calibrate(
     files: tuple[Path, ...],
     sensors: tuple[str, str] | None,
@@ -186,14 +105,14 @@ def calibrate(
     """
     given = {"max_error_deg": max_error_deg, "n_consistent": n_consistent, "lowpass_hz": lowpass_hz}
     chosen = {name: value for name, value in given.items() if value is not None}
-    with _guard() as warned:
+    with guard() as warned:
         settings = settings_from(HingeSettings, None, chosen)
         if joint == "ball" and chosen:
             raise InputError(f"{', '.join(chosen)}: set how a hinge's axis is found, which --joint ball leaves out")
         outputs = Outputs(report_path, json_path, save_path)
         check_outputs(files, outputs)
-        imu1, imu2 = _choose(_read(files, **reading), sensors)
-        late = show.offset_warning(_offset(imu1, imu2), imu1.name, imu2.name)
+        imu1, imu2 = _choose(read_files(files, **reading), sensors)
+        late = show.offset_warning(offset_of(imu1, imu2), imu1.name, imu2.name)
         if late:
             warned.append(late)
             show.warning(late)
@@ -232,7 +151,7 @@ def calibrate(
 @click.option("--save", "save_path", type=click.Path(path_type=Path), metavar="CAL.json", help="Write the calibration here.")
 @click.option("--report", "report_path", type=click.Path(path_type=Path), metavar="OUT.html", help="Write the report here.")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), metavar="OUT.json", help="Write its numbers here.")
-@_reading_options
+@reading_options
 def track(
     files: tuple[Path, ...],
     sensors: tuple[str, str] | None,
@@ -251,13 +170,13 @@ def track(
     search did not end as it should, or the joint is no hinge.
     """
     asked = AngleOptions(**{name: others.pop(name) for name in AngleOptions.__dataclass_fields__})
-    with _guard() as warned:
+    with guard() as warned:
         outputs = Outputs(report_path, json_path, save_path, out_path, asked.figure_path)
         check_outputs(files, outputs, calibration_path)
         asked.check(out_path, calibration_path)
         known = None if calibration_path is None else JointCalibration.load(calibration_path)
-        imu1, imu2 = _choose(_read(files, **others), sensors)
-        late = show.offset_warning(_offset(imu1, imu2), imu1.name, imu2.name)
+        imu1, imu2 = _choose(read_files(files, **others), sensors)
+        late = show.offset_warning(offset_of(imu1, imu2), imu1.name, imu2.name)
         if late:
             warned.append(late)
             show.warning(late)
@@ -287,7 +206,7 @@ def track(
 )
 def demo(report_path: Path | None) -> None:
     """From raw data to a calibration on a simulated recording, beside its truth, and its report."""
-    with _guard() as warned:
+    with guard() as warned:
         outputs, without = Outputs(report_path or Path(DEMO_REPORT)), None
         try:
             check_outputs((), outputs)
@@ -303,7 +222,7 @@ def demo(report_path: Path | None) -> None:
         simulation = simulate_hinge(duration_s=60.0, rate_hz=100.0, seed=1, **biases)
         truth.demo_intro(simulation)
         show.recording(simulation.recording)
-        show.offset(_offset(simulation.imu1, simulation.imu2), *simulation.recording)
+        show.offset(offset_of(simulation.imu1, simulation.imu2), *simulation.recording)
         show.say()
         started = time.perf_counter()
         result = calibrate_joint(simulation.imu1, simulation.imu2)
@@ -333,11 +252,3 @@ def _choose(recording: Recording, names: tuple[str, str] | None) -> tuple[Imu, I
             + ("give the other one's file too" if len(recording) == 1 else "choose with --sensors NAME1 NAME2")
         )
     return recording.pair()
-
-
-def _offset(imu1: Imu, imu2: Imu) -> TimeOffset | None:
-    """The time offset, or None where the recording is not even fit to be asked."""
-    try:
-        return time_offset(imu1, imu2)
-    except InputError:
-        return None

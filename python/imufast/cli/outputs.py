@@ -30,14 +30,18 @@ class Outputs:
     save: Path | None = None
     out: Path | None = None
     figure: Path | None = None
+    animate: Path | None = None
 
 
-def check_outputs(files: Sequence[Path], outputs: Outputs, calibration: Path | None = None) -> None:
+def check_outputs(
+    files: Sequence[Path], outputs: Outputs, calibration: Path | None = None, placement: Path | None = None
+) -> None:
     """Refuse outputs that could not be written in the end, before the work begins."""
     taken = {file.resolve(): f"the recording {str(file)!r}" for file in files}
-    if calibration is not None:
-        taken[calibration.resolve()] = f"the calibration {str(calibration)!r}"
-    for name in ("report", "json", "save", "out", "figure"):
+    for name, given in (("calibration", calibration), ("placement", placement)):
+        if given is not None:
+            taken[given.resolve()] = f"the {name} {str(given)!r}"
+    for name in ("report", "json", "save", "out", "figure", "animate"):
         path = getattr(outputs, name)
         if path is None:
             continue

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -54,13 +54,13 @@ def warning(message: str) -> None:
 
 
 @contextmanager
-def working(doing: str, *, quick: bool = False) -> Iterator[None]:
-    """A spinner with the time passed, on a terminal, unless it is quick."""
+def working(doing: str, *, quick: bool = False) -> Iterator[Callable[[str], None]]:
+    """A spinner with the time passed, on a terminal, unless it is quick. Gives what changes its text."""
     columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
     where = console(stderr=True)
     with Progress(*columns, console=where, transient=True, disable=quick or not where.is_terminal) as progress:
-        progress.add_task(doing, total=None)
-        yield
+        task = progress.add_task(doing, total=None)
+        yield lambda text: progress.update(task, description=text)
 
 
 @contextmanager

@@ -35,14 +35,14 @@ def body_columns(body: LowerBody, names: object) -> list[tuple[str, Array, Array
     found = []
     if body.pelvis_angles_deg.shape[1]:
         for k, (name, meaning) in enumerate(PELVIS):
-            found.append((name, body.pelvis_angles_deg[:, k], body.pelvis_std_deg[:, k], f"pelvis, {meaning}"))
+            found.append((name, body.pelvis_angles_deg[:, k], body.pelvis_std_deg[:, k], f"pelvis {meaning}"))
     for side in ("right", "left"):
         for kind, coordinates in COORDINATES.items():
             angles, stds = getattr(body, f"{kind}_angles_deg"), getattr(body, f"{kind}_std_deg")
             if side not in angles:
                 continue
             for k, (name, meaning) in enumerate(coordinates):
-                found.append((f"{name}_{side[0]}", angles[side][:, k], stds[side][:, k], f"{side} {kind}, {meaning}"))
+                found.append((f"{name}_{side[0]}", angles[side][:, k], stds[side][:, k], f"{side} {kind} {meaning}"))
     if not found:
         raise InputError("angles holds no joint angle: no joint has both its segments' frames")
     # Where nothing is known a band of half a turn says so, in every format.
@@ -71,8 +71,8 @@ def body_meaning(body: LowerBody) -> dict[str, Any]:
         "convention": "ISB: turns about Z of the proximal segment (right), then the floating X, then Y of the distal segment",
         "signs": "on both sides flexion, dorsiflexion, adduction, inversion and internal rotation are positive, and of the "
         "pelvis front up and right side down",
-        "frames": "thigh and shank by joint centres and knee axis, pelvis by the line of the hips and the upright when standing, "
-        "foot by the upright and the knee's direction when standing",
+        "frames": "thigh and shank by joint centres and knee axis, pelvis by the line of the hips and the upright when "
+        "standing, foot by the upright and the knee's direction when standing",
         "zero": "the segments' axes parallel, of the ankle and of the pelvis's tilt as when standing",
         "status": str(body.status),
         "undetermined": ", ".join(open_) or "none",

@@ -1,5 +1,5 @@
-"""The report of a calibration, a joint centre, tracked orientations, joint angles and a lower body: one self-contained HTML file for people,
-and a JSON twin for programs; and the figure of joint angles on its own.
+"""The report of a calibration, a joint centre, tracked orientations, joint angles and a lower body: one self-contained
+HTML file for people, and a JSON twin for programs; and the figure of joint angles, and the animation of a body, on their own.
 
 The page needs the extra `report` (matplotlib, jinja2); the JSON twin needs numpy alone.
 """

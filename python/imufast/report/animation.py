@@ -7,7 +7,7 @@ import shutil
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ RATES_HZ = {".gif": 10.0, ".mp4": 25.0}
 LONGEST_S = 60.0
 """Shown where no span is told."""
 WIDTH_PX, HEIGHT_PX = 720, 440
-MOST_COLOURS = 64
+MOST_COLOURS, APART = 64, 8
 NO_FFMPEG = "an .mp4 needs ffmpeg: install it, or pip install 'imufast[animate]'; a .gif needs neither"
 
 
@@ -40,8 +40,8 @@ def write_animation(
     span_s: tuple[float, float] | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> None:
-    """Draw the subject as a stick figure over time, in real time, from the right and from behind, as a `.gif` or `.mp4` file, whole
-    or not at all. Between the estimate's moments places are drawn on smooth curves; stretches without samples are left out.
+    """Draw the subject as a stick figure over time, in real time, from the right and from behind, as a `.gif` or `.mp4` file,
+    whole or not at all. Between the estimate's moments places are drawn on smooth curves; stretches without samples are left out.
 
     Args:
         body: what `estimate_lower_body` gave.
@@ -162,14 +162,16 @@ def _frames(body: LowerBody, times: Array, title: str | None, progress: Callable
         at -= 0.075
     if title is not None:
         figure.text(0.02, 0.97, title.replace("$", r"\$"), va="top", fontsize=FONT + 2.0, color=DARK)
-    canvas.draw()
-    behind = canvas.copy_from_bbox(figure.bbox)
+    # matplotlib states no types here.
+    agg: Any = canvas
+    agg.draw()
+    behind = agg.copy_from_bbox(figure.bbox)
     pose = {name: place[0] for name, place in points.items()}
     artists = [(panel, axis, draw_sticks(panel, pose, lines, axis)) for panel, axis in panels]
     said = figure.text(0.02, 0.03, "", fontsize=FONT + 1.0, color=DARK)
     flexions = {side: np.interp(times, body.time_s, angles[:, 0]) for side, angles in body.knee_angles_deg.items()}
     for k, moment in enumerate(times):
-        canvas.restore_region(behind)
+        agg.restore_region(behind)
         for panel, axis, strokes in artists:
             for stroke, (names, _) in zip(strokes, lines, strict=True):
                 stroke.set_data([points[name][k, axis] for name in names], [points[name][k, 2] for name in names])
@@ -178,7 +180,7 @@ def _frames(body: LowerBody, times: Array, title: str | None, progress: Callable
         knees = ", ".join(f"{side} {value[k]:.0f}°" for side, value in flexions.items()).replace("-", "−")
         said.set_text(f"{moment - body.time_s[0]:.1f} s" + (f"    knee flexion: {knees}" if knees else ""))
         figure.draw_artist(said)
-        yield np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
+        yield np.asarray(agg.buffer_rgba())[:, :, :3].copy()
         if progress is not None:
             progress(k + 1, len(times))
 
@@ -214,9 +216,14 @@ def _gif(frames: Iterator[Image], file: BinaryIO, rate_hz: float) -> None:
 
     # Not an adaptive palette, for it would tint the white.
     start = Pillow.fromarray(next(frames))
-    colours = sorted(start.getcolors(WIDTH_PX * HEIGHT_PX) or [], key=lambda found: -found[0])[:MOST_COLOURS]
+    found: list[Any] = start.getcolors(WIDTH_PX * HEIGHT_PX) or []
+    colours: list[tuple[int, int, int]] = []
+    for _, colour in sorted(found, key=lambda counted: -counted[0]):
+        # Of colours that pillow's lookup would mix up, the more frequent one.
+        if all(max(abs(a - b) for a, b in zip(colour, other, strict=True)) > APART for other in colours):
+            colours.append(colour)
     palette = Pillow.new("P", (1, 1))
-    palette.putpalette([channel for _, colour in colours for channel in colour])
+    palette.putpalette([channel for colour in colours[:MOST_COLOURS] for channel in colour])
     first = start.quantize(palette=palette, dither=Pillow.Dither.NONE)
     rest = (Pillow.fromarray(frame).quantize(palette=palette, dither=Pillow.Dither.NONE) for frame in frames)
     first.save(file, format="GIF", save_all=True, append_images=rest, duration=round(1e3 / rate_hz), loop=0)

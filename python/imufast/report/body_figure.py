@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from imufast.report.axes_figure import PALE
@@ -130,10 +131,10 @@ def stick_picture(report: dict[str, Any], clock: Clock) -> str:
 def chains(drawn: Mapping[str, Any]) -> list[tuple[list[str], str]]:
     """Lines of one stroke: names of points, and "right", "left", "torso" or, of what is assumed, "right:" and "left:"."""
     bones, assumed = {tuple(ends) for ends in drawn["bones"].values()}, set(drawn["assumed"])
-    found = []
+    found: list[tuple[list[str], str]] = []
     for side in SIDE_COLOURS:
         names = [f"{joint}_{side}" for joint in ("hip", "knee", "ankle", "toe")]
-        for ends in zip(names, names[1:], strict=False):
+        for ends in pairwise(names):
             kind = side + ":" * bool(assumed & set(ends))
             if ends not in bones:
                 continue
@@ -242,7 +243,7 @@ def history_picture(report: dict[str, Any]) -> str:
     for side in ("top", "left", "bottom"):
         other.spines[side].set_visible(False)
     panel.set_xlim(0.5, len(number) + 0.5)
-    panel.xaxis.get_major_locator().set_params(integer=True)
+    panel.xaxis.set_major_locator(MaxNLocator(integer=True))
     panel.set_xlabel("linear system", fontsize=FONT, color=DARK)
     panel.set_ylabel("log-likelihood", fontsize=FONT, color=DARK)
     panel.plot([], [], color=PURPLE, linewidth=1.0, linestyle=":", label="damping (right)")

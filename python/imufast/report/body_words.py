@@ -53,12 +53,12 @@ _ADVICE = {
     "know of it.",
     BodyStatus.MAX_ITERATIONS: "Take the numbers with care: they are the best that was found, not the minimum, and their bands "
     "do not know of it.",
-    BodyStatus.NOT_OBSERVABLE: "Do not use these angles. Record more motion: walk, sit down and stand up, bend and turn each hip.",
+    BodyStatus.NOT_OBSERVABLE: "Do not use these angles. Record more motion: walk, stand up, bend and turn each hip.",
     BodyStatus.NUMERICAL_ERROR: "Check the units of the recording.",
 }
 LIMITS_OF_USE = (
-    "Sensors sit on skin. Joint centres and axes are functional ones, those that skin and straps show; bones may lie centimetres "
-    "and several degrees off, and the bands know of soft tissue only what the motion contradicts.",
+    "Sensors sit on skin. Joint centres and axes are functional ones, those that skin and straps show; bones may lie "
+    "centimetres and several degrees off, and the bands know of soft tissue only what the motion contradicts.",
     "Lengths and angles that are usual for people enter as knowledge: where the motion says little, what comes out is what is "
     "usual, and its standard deviation says so.",
     "A foot's zero, and the tilt of the pelvis, are those of quiet standing; a subject who stands on bent knees or with toes "
@@ -82,8 +82,8 @@ def advice(body: LowerBody) -> str:
     if body.status is not BodyStatus.CONVERGED or not open_:
         return _ADVICE[body.status]
     return (
-        f"The angles below can be used, within their bands, but not those of {', '.join(map(name_words, open_))}: turn these joints "
-        "about more than one axis, and briskly, while the whole body moves."
+        f"The angles below can be used, within their bands, but not those of {', '.join(map(name_words, open_))}: turn these "
+        "joints about more than one axis, and briskly, while the whole body moves."
     )
 
 
@@ -119,8 +119,8 @@ def joint_words(name: str, joint: BodyJoint) -> str:
         said.append("the motion hardly shows how its segments are turned against each other about the upright")
     if joint.heading_drift_deg > UNSEEN_DEG:
         said.append(
-            f"about the upright it comes out {degrees(joint.heading_drift_deg)} from what its two sensors alone say: one of both is "
-            "wrong, as where soft tissue or straps move"
+            f"about the upright it comes out {degrees(joint.heading_drift_deg)} from what its two sensors alone say: one of "
+            "both is wrong, as where soft tissue or straps move"
         )
     if float(joint.in_sensors_std.max()) > OPEN_M:
         said.append(f"its centre is certain to {millimetres(float(joint.in_sensors_std.max()))} only")
