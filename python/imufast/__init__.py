@@ -30,7 +30,7 @@ from imufast.imu import Imu, ReadInfo, Recording
 from imufast.io import align, read, write_angles, write_orientation
 from imufast.joint_angles import joint_angles, joint_angles_deg
 from imufast.noise import SensorNoise
-from imufast.report import report_json, write_figure, write_json, write_report
+from imufast.report import report_json, write_animation, write_figure, write_json, write_report
 from imufast.select import SampleSelection, select_samples
 from imufast.settings import AxisSettings, CenterSettings, HingeSettings
 from imufast.simulate import (
@@ -140,6 +140,7 @@ __all__ = [
     "track",
     "track_many",
     "write_angles",
+    "write_animation",
     "write_figure",
     "write_json",
     "write_orientation",

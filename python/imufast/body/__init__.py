@@ -2,6 +2,7 @@
 
 from imufast.body.estimate import estimate_lower_body
 from imufast.body.layout import JOINTS, SEGMENTS
+from imufast.body.placement import Placement, read_placement
 from imufast.body.result import BodyJoint, BodyStatus, LowerBody
 from imufast.body.settings import Anthropometry, LowerBodySettings
 
@@ -13,5 +14,7 @@ __all__ = [
     "BodyStatus",
     "LowerBody",
     "LowerBodySettings",
+    "Placement",
     "estimate_lower_body",
+    "read_placement",
 ]

@@ -73,14 +73,11 @@ class Placement:
                 raise InputError(f"{self.path.name}: {key} needs sensor = too, for its file holds several: {there}")
             return names[0]
         # Names that clash between files have the file's name in front.
-        found = [name for name in names if name == worn.sensor] or [
-            name for name in names if worn.file is not None and name.endswith(f".{worn.sensor}")
-        ]
-        if not found and worn.file is not None and len(names) == 1:
-            # The file's one sensor may have been renamed after its file.
-            raise InputError(f"{self.path.name}: {key} = {worn.sensor!r} names no sensor of {str(worn.file)!r}; {there}")
+        longer = worn.file is not None
+        found = [name for name in names if name == worn.sensor or (longer and name.endswith(f".{worn.sensor}"))]
         if not found:
-            raise InputError(f"{self.path.name}: {key} = {worn.sensor!r} names no sensor; {there}")
+            of = "" if worn.file is None else f" of {str(worn.file)!r}"
+            raise InputError(f"{self.path.name}: {key} = {worn.sensor!r} names no sensor{of}; {there}")
         return found[0]
 
     def anthropometry(self, height_m: float | None = None) -> Anthropometry | None:

@@ -20,6 +20,7 @@ from imufast.errors import InputError
 from imufast.imu import Recording
 from imufast.io import write_angles
 from imufast.io.angle_files import check_angle_target
+from imufast.io.body_files import check_body_names
 from imufast.report import body_words, words, write_json, write_report
 from imufast.report.animation import check_animation_target, write_animation
 from imufast.settings import check_number
@@ -27,6 +28,8 @@ from imufast.settings import check_number
 __all__ = ["body"]
 
 NOT_OBSERVABLE, NOT_FINISHED = 3, 4
+OFFSET_S = 60.0
+"""So much of the recording is asked for a time offset, s: clocks that are apart are so from the start."""
 
 
 @click.command()
@@ -103,7 +106,9 @@ def body(
         columns, shown = _names(names, out_path), _span(span, animate_path)
         recording = read_files(files, **reading)
         sensors = placement.sensors(recording)
-        for text in _offsets(recording, sensors):
+        with show.working("Time offsets between the sensors of the knees"):
+            late = _offsets(recording, sensors)
+        for text in late:
             warned.append(text)
             show.warning(text)
         duration = words.duration(float(recording.time_s[-1] - recording.time_s[0]))
@@ -127,11 +132,12 @@ def _exit_code(found: LowerBody) -> int:
 
 
 def _offsets(recording: Recording, sensors: dict[str, str]) -> list[str]:
-    """Neighbours that are more than half a sample apart, one sentence each."""
+    """Sensors of a knee that are more than half a sample apart, one sentence each: of other joints no motion tells it."""
     said = []
-    for upper, lower in JOINTS.values():
+    for upper, lower in (JOINTS[f"knee_{side}"] for side in SIDES):
         if upper in sensors and lower in sensors:
-            first, second = recording[sensors[upper]], recording[sensors[lower]]
+            first, second = (recording[sensors[name]] for name in (upper, lower))
+            first, second = (imu.between(imu.time_s[0], imu.time_s[0] + OFFSET_S) for imu in (first, second))
             text = show.offset_warning(offset_of(first, second), first.name, second.name)
             said += [text] if text else []
     return said
@@ -146,7 +152,7 @@ def _names(given: str | None, out: Path | None) -> dict[str, str] | None:
     for name, equals, other in pairs:
         if not equals or not name.strip() or not other.strip():
             raise InputError(f"--names must look like knee_angle_r=-knee_angle_r,knee_angle_l=-knee_angle_l, got {given!r}")
-    return {name.strip(): other.strip() for name, _, other in pairs}
+    return check_body_names({name.strip(): other.strip() for name, _, other in pairs}, "--names")
 
 
 def _span(given: str | None, animate: Path | None) -> tuple[float, float] | None:

@@ -13,7 +13,7 @@ from imufast.body.result import LowerBody
 from imufast.errors import InputError
 from imufast.io.table_files import check_names
 
-__all__ = ["body_columns", "body_meaning"]
+__all__ = ["body_columns", "body_meaning", "check_body_names"]
 
 Array = NDArray[np.float64]
 
@@ -24,6 +24,10 @@ COORDINATES = {
 }
 """The first of each joint, and all of the hip, are coordinates of OpenSim's models; the others are named alike."""
 PELVIS = (("pelvis_tilt", "front up"), ("pelvis_list", "right side down"))
+COLUMNS = (
+    *(name for name, _ in PELVIS),
+    *(f"{name}_{side}" for side in "rl" for joint in COORDINATES.values() for name, _ in joint),
+)
 
 
 def body_columns(body: LowerBody, names: object) -> list[tuple[str, Array, Array, str]]:
@@ -49,17 +53,27 @@ def body_columns(body: LowerBody, names: object) -> list[tuple[str, Array, Array
     found = [(name, angle, np.minimum(std, MOST_STD_DEG), what) for name, angle, std, what in found]
     if names is None:
         return found
-    present = [name for name, *_ in found]
-    if not isinstance(names, Mapping):
-        raise InputError(f"names must map columns to names, such as {{'knee_angle_r': '-knee_angle_r'}}, got {names!r}")
-    for name in names:
-        if name not in present:
-            raise InputError(f"names: there is no column {name!r}; there are {', '.join(present)}")
-    labels = check_names("names", [names.get(name, name) for name in present], len(present))
+    checked = check_body_names(names)
+    labels = [checked.get(name, name) for name, *_ in found]
     return [
         (label.removeprefix("-"), -angle if label.startswith("-") else angle, std, f"minus {what}" if label[0] == "-" else what)
         for label, (_, angle, std, what) in zip(labels, found, strict=True)
     ]
+
+
+def check_body_names(names: object, argument: str = "names") -> dict[str, str]:
+    """Other names for columns, checked; those of joints that a smaller model does not have may be among them.
+
+    Raises:
+        InputError: no mapping from columns to names, or names that are none.
+    """
+    if not isinstance(names, Mapping):
+        raise InputError(f"{argument} must map columns to names, such as {{'knee_angle_r': '-knee_angle_r'}}, got {names!r}")
+    for name in names:
+        if name not in COLUMNS:
+            raise InputError(f"{argument}: there is no column {name!r}; there are {', '.join(COLUMNS)}")
+    check_names(argument, [names.get(name, name) for name in COLUMNS], len(COLUMNS))
+    return {str(name): str(label) for name, label in names.items()}
 
 
 def body_meaning(body: LowerBody) -> dict[str, Any]:

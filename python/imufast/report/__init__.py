@@ -15,12 +15,21 @@ from typing import TYPE_CHECKING
 from imufast.angles import JointAngles
 from imufast.errors import InputError
 from imufast.files import check_target, write_text
+from imufast.report.animation import write_animation
 from imufast.report.content import Pair, report_json
 
 if TYPE_CHECKING:
     from imufast.report.content import Reported
 
-__all__ = ["FIGURE_FORMATS", "check_figure_target", "report_json", "write_figure", "write_json", "write_report"]
+__all__ = [
+    "FIGURE_FORMATS",
+    "check_figure_target",
+    "report_json",
+    "write_animation",
+    "write_figure",
+    "write_json",
+    "write_report",
+]
 
 FIGURE_FORMATS = (".png", ".svg")
 """The ends of the names of figures that can be written."""

@@ -41,7 +41,8 @@ def write_animation(
     progress: Callable[[int, int], object] | None = None,
 ) -> None:
     """Draw the subject as a stick figure over time, in real time, from the right and from behind, as a `.gif` or `.mp4` file,
-    whole or not at all. Between the estimate's moments places are drawn on smooth curves; stretches without samples are left out.
+    whole or not at all. Between the estimate's moments places are drawn on smooth curves; stretches without samples are left
+    out.
 
     Args:
         body: what `estimate_lower_body` gave.

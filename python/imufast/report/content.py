@@ -80,8 +80,8 @@ def report_json(
 
     Names end in their unit: `_s`, `_deg`, `_rad_s`, `_m`. `schema` and `schema_version` say what to expect:
     "imufast.hinge-report" of a HingeCalibration, "imufast.orientation-report" of a RelativeOrientation,
-    "imufast.body-report" of a LowerBody, else "imufast.joint-report"; the first and the last have the same names. What a result does
-    not hold is None.
+    "imufast.body-report" of a LowerBody, else "imufast.joint-report"; the first and the last have the same names. What a
+    result does not hold is None.
 
     Args:
         result: what `calibrate_joint`, `calibrate_hinge`, `HingeCalibrator`, `estimate_joint_center`, `track` or
