@@ -33,22 +33,43 @@ def test_python_in_documents_runs(path: Path, tmp_path: Path, monkeypatch: pytes
         exec(compile("\n" * line + block[1], str(path), "exec"), names)  # noqa: S102
 
 
-def test_the_commands_of_the_tutorial_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("name", "count", "written"),
+    [
+        ("tutorial-knee.md", 2, {"knee.mot", "knee.png", "knee.html", "three.sto"}),
+        ("lower-body.md", 2, {"body.mot", "body.html", "body.gif"}),
+    ],
+)
+def test_the_commands_of_a_tutorial_run(
+    name: str, count: int, written: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("matplotlib")
     app = pytest.importorskip("imufast.cli.app").app
     from click.testing import CliRunner
 
     monkeypatch.chdir(tmp_path)
-    text = (ROOT / "docs" / "tutorial-knee.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / name).read_text(encoding="utf-8")
     first = re.search(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
     assert first is not None
-    exec(compile(first[1], "tutorial-knee.md", "exec"), {})  # noqa: S102
+    exec(compile(first[1], name, "exec"), {})  # noqa: S102
     commands = re.findall(r"^imufast (.+)$", text, re.MULTILINE)
-    assert len(commands) == 2
+    assert len(commands) == count
     for command in commands:
         done = CliRunner().invoke(app, command.split())
         assert done.exit_code == 0, done.output
-    assert {"knee.mot", "knee.png", "knee.html", "three.sto"} <= {file.name for file in tmp_path.iterdir()}
+    assert written <= {file.name for file in tmp_path.iterdir()}
+
+
+def test_the_placement_in_the_document_means_something(tmp_path: Path) -> None:
+    text = (ROOT / "docs" / "lower-body.md").read_text(encoding="utf-8")
+    block = re.search(r"^```toml\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    assert block is not None
+    (tmp_path / "placement.toml").write_text(block[1], encoding="utf-8")
+    placement = imufast.body.read_placement(tmp_path / "placement.toml")
+    assert [file.name for file in placement.files] == ["right.csv", "right.npz"]
+    known = placement.anthropometry()
+    assert known is not None
+    assert (known.femur_m, known.tibia_m) == ((0.42, 0.015), (0.43, 0.01))
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=IDS)
