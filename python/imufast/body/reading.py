@@ -105,7 +105,7 @@ class Reading:
             lengths_m=lengths,
             cost=fit.cost,
             iterations=len(history),
-            residuals=residuals(layout, fit, self.anthropometry, lengths),
+            residuals=residuals(layout, self.recording.time_s[self.rows], fit, self.anthropometry, settings, lengths),
             history=history,
             placement=dict(layout.placed),
             anthropometry=self.anthropometry,

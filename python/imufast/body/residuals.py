@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from imufast import _core
 from imufast.body.layout import Layout
-from imufast.body.settings import Anthropometry
+from imufast.body.settings import Anthropometry, LowerBodySettings
 
 __all__ = ["KINDS", "residuals"]
 
@@ -30,16 +30,37 @@ KINDS = (
 
 
 def residuals(
-    layout: Layout, fit: _core.BodyFit, measures: Anthropometry, lengths: Mapping[str, tuple[float, float]]
+    layout: Layout,
+    time_s: Array,
+    fit: _core.BodyFit,
+    measures: Anthropometry,
+    settings: LowerBodySettings,
+    lengths: Mapping[str, tuple[float, float]],
 ) -> dict[str, dict[str, float]]:
     """Kind of term to sensor's segment, joint or bone to the root mean square of its residual over its standard deviation, a
     component at a time; of what is there once alone the residual itself over its standard deviation. What is not there is
-    left out."""
+    left out.
+
+    Args:
+        layout, measures, settings: what was asked for.
+        time_s: (K,) of the moments, s.
+        fit: what was found.
+        lengths: of the bones, (length, standard deviation), m.
+    """
     found: dict[str, dict[str, float]] = {kind: {} for kind in KINDS}
-    for k, kind in enumerate(KINDS[:3]):
-        found[kind] = _finite(zip(layout.segments, fit.sensor_residuals[:, k], strict=True))
-    for k, kind in enumerate(KINDS[3:6]):
-        found[kind] = _finite(zip(layout.names, fit.joint_residuals[:, k], strict=True))
+    squares, walks = fit.link_squares[:, :, 0], (settings.gyr_walk, settings.acc_walk)
+    # Nine numbers from moment to moment, where samples lead there.
+    found["dynamics"] = _root(layout.segments, squares.sum(axis=0) / 9.0, (squares > 0.0).sum(axis=0))
+    spans = np.diff(time_s)[:, None, None]
+    for kind, biases, walk in zip(KINDS[1:3], (fit.gyr_bias, fit.acc_bias), walks, strict=True):
+        steps = (np.diff(biases, axis=0) ** 2 / (walk**2 * spans)).mean(axis=2)
+        found[kind] = _root(layout.segments, steps.sum(axis=0), np.full(len(layout.segments), len(spans)))
+    # A centre has three components, what is across an axis two: of a hinge from either side.
+    joints, count = fit.joint_squares.sum(axis=0), np.full(len(layout.names), len(fit.joint_squares))
+    knees = np.array([name.startswith("knee") for name in layout.names])
+    found["joint_center"] = _root(layout.names, joints[:, 0] / 3.0, count)
+    found["hinge"] = _root(layout.names, (joints[:, 1] + joints[:, 2]) / 4.0, count * knees)
+    found["knee_axes"] = _root(layout.names, joints[:, 3] / 2.0, count * (knees & (settings.axes_std_deg is not None)))
     ends = layout.bones()
     for name, (length, _) in lengths.items():
         kind, _, side = name.partition("_")
@@ -59,5 +80,7 @@ def residuals(
     return {kind: values for kind, values in found.items() if values}
 
 
-def _finite(pairs: Iterable[tuple[str, float]]) -> dict[str, float]:
-    return {name: float(value) for name, value in pairs if np.isfinite(value)}
+def _root(names: Iterable[str], sums: Array, counts: NDArray[np.int64]) -> dict[str, float]:
+    """Root mean squares of what is there."""
+    pairs = zip(names, sums.tolist(), counts.tolist(), strict=True)
+    return {name: float(np.sqrt(total / number)) for name, total, number in pairs if number > 0}

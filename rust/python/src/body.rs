@@ -6,7 +6,6 @@ use imufast_core::{
         assemble::Problem,
         model::{AxisAngle, Bone, Difference, Joint, Model, Noise, Seen},
         moments::{Moments, Readings, Sampling, Spacing},
-        residuals::{Residuals, residuals},
         solve::{Descent, End, Status, Trial, minimise},
         states::{Motion, State},
         uncertainty::{Uncertainty, uncertainty},
@@ -58,14 +57,14 @@ pub struct BodyFit {
     centers: Py<PyArray3<f64>>,
     /// (J, 2, 3).
     axes: Py<PyArray3<f64>>,
+    /// (K, S, 1) squares of the white residuals, nine numbers each, of the dynamics from each moment to the next.
+    link_squares: Py<PyArray3<f64>>,
+    /// (K, J, 4) squares of the white residuals, three numbers each, of a joint's centre, hinge from either side, and axes.
+    joint_squares: Py<PyArray3<f64>>,
     status: &'static str,
     cost: f64,
     /// (T, 5): cost, tried, promised, damping, taken.
     trials: Py<PyArray2<f64>>,
-    /// (S, 3) rms of white residuals: dynamics, steps of the gyroscope and of the accelerometer bias; NaN where there are none.
-    sensor_residuals: Py<PyArray2<f64>>,
-    /// (J, 3) likewise: centre, hinge, angle between the axes.
-    joint_residuals: Py<PyArray2<f64>>,
     /// (K, J, 36): 6 x 6 by rows, of the rotation vectors by which a joint's two sensors may be turned in the world, rad²; None where the curvature says nothing.
     joint_covariance: Option<Py<PyArray3<f64>>>,
     /// (K, J * 6, C): the same six with all constants.
@@ -224,7 +223,7 @@ impl BodyProblem {
         let (max_iterations, tolerance, damping) = descent;
         let descent = Descent { max_iterations, tolerance, damping };
         let mut raised: Option<PyErr> = None;
-        let (end, known, left) = py.detach(|| {
+        let (end, known, squares) = py.detach(|| {
             let problem = Problem::new(&self.model, &self.moments, &start);
             let mut number = 0;
             let mut told = |trial: &Trial| {
@@ -243,21 +242,27 @@ impl BodyProblem {
             let end = minimise(&problem, start.clone(), &descent, &mut told);
             let wanted = covariance && end.status != Status::Interrupted;
             let known = if wanted { uncertainty(&problem, &end.state) } else { None };
-            let left = residuals(&problem, &end.state);
-            (end, known, left)
+            let squares = problem.squares(&end.state);
+            (end, known, squares)
         });
         match raised {
             Some(error) => Err(error),
             None if end.status == Status::Interrupted => {
                 Err(PyKeyboardInterrupt::new_err("stopped while the body was searched for"))
             }
-            None => self.fit(py, &end, known, left),
+            None => self.fit(py, &end, known, squares),
         }
     }
 }
 
 impl BodyProblem {
-    fn fit(&self, py: Python<'_>, end: &End, known: Option<Uncertainty>, left: Residuals) -> PyResult<BodyFit> {
+    fn fit(
+        &self,
+        py: Python<'_>,
+        end: &End,
+        known: Option<Uncertainty>,
+        squares: (Vec<f64>, Vec<[f64; 4]>),
+    ) -> PyResult<BodyFit> {
         let (mut joint_covariance, mut joint_constants, mut constants_covariance) = (None, None, None);
         if let Some(known) = known {
             let (joints, constants) = (self.model.joints.len(), self.model.constants());
@@ -281,22 +286,16 @@ impl BodyProblem {
             acc_bias: of(|m| m.acc_bias)?,
             centers: pairs(&state.centers)?,
             axes: pairs(&state.axes)?,
+            link_squares: cube(py, self.model.sensors, squares.0.into_iter().map(|v| [v]))?,
+            joint_squares: cube(py, self.model.joints.len(), squares.1.into_iter())?,
             status: status_name(end.status),
             cost: end.cost,
             trials: trials.map_err(|e| PyValueError::new_err(e.to_string()))?.into_pyarray(py).unbind(),
-            sensor_residuals: triples(py, left.sensors)?,
-            joint_residuals: triples(py, left.joints)?,
             joint_covariance,
             joint_constants,
             constants_covariance,
         })
     }
-}
-
-/// Rows of three numbers.
-fn triples(py: Python<'_>, rows: Vec<[f64; 3]>) -> PyResult<Py<PyArray2<f64>>> {
-    let array = Array2::from_shape_vec((rows.len(), 3), rows.into_flattened());
-    Ok(array.map_err(|e| PyValueError::new_err(e.to_string()))?.into_pyarray(py).unbind())
 }
 
 /// Rows of W numbers as (rows / middle, middle, W).

@@ -89,14 +89,34 @@ impl Problem<'_> {
     }
 
     /// Information of the biases' steps from moment k to the next, 1/(rad/s)² and 1/(m/s²)².
-    pub(super) fn walk_weights(&self, k: usize) -> [f64; 2] {
+    fn walk_weights(&self, k: usize) -> [f64; 2] {
         let noise = &self.model.noise;
         let span = self.moments.moments[k].span_s.max(1e-9);
         [1.0 / (noise.gyr_walk * noise.gyr_walk * span), 1.0 / (noise.acc_walk * noise.acc_walk * span)]
     }
 
+    /// Squares of the white residuals at `state`: of each sensor's dynamics (nine numbers) from each moment to the next, zero
+    /// where no samples lead there, and of each joint (three numbers each): centre, hinge from either side, axes; zero where
+    /// it has none.
+    pub fn squares(&self, state: &State) -> (Vec<f64>, Vec<[f64; 4]>) {
+        let (model, sensors) = (self.model, self.model.sensors);
+        let links = self.moments.links.iter().enumerate().map(|(n, link)| {
+            link.as_ref().map_or(0.0, |link| {
+                let e = flat(&imu::residual(&link.pre, &state.motions[n], &state.motions[n + sensors], model.gravity));
+                whitened(&link.whitening, &e).iter().map(|v| v * v).sum()
+            })
+        });
+        let mut joints = Vec::with_capacity(self.moments.len() * model.joints.len());
+        for k in 0..self.moments.len() {
+            self.joints(k, state, |terms| {
+                joints.push(core::array::from_fn(|n| terms.get(n).map_or(0.0, |term: &Term| term.square)));
+            });
+        }
+        (links.collect(), joints)
+    }
+
     /// White residuals of each joint at moment k, without derivatives.
-    pub(super) fn joints(&self, k: usize, state: &State, mut take: impl FnMut(&[Term])) {
+    fn joints(&self, k: usize, state: &State, mut take: impl FnMut(&[Term])) {
         let sensors = self.model.sensors;
         for (j, joint) in self.model.joints.iter().enumerate() {
             let [a, b] = joint.sensors.map(|s| &state.motions[k * sensors + s]);
@@ -367,9 +387,9 @@ impl Problem<'_> {
 }
 
 #[derive(Clone, Copy)]
-pub(super) struct Term {
+struct Term {
     /// Of the white residual.
-    pub(super) square: f64,
+    square: f64,
 }
 
 /// White rows of one joint: the tiles of both sensors and those of the border.
@@ -443,11 +463,11 @@ fn put(rows: &mut [Row; 9], from: usize, at: usize, block: &Matrix3<f64>, sign: 
     }
 }
 
-pub(super) fn flat(e: &imu::Residual) -> [f64; 9] {
+fn flat(e: &imu::Residual) -> [f64; 9] {
     core::array::from_fn(|k| e[k / 3][k % 3])
 }
 
-pub(super) fn whitened(whitening: &[[f64; 9]; 9], e: &[f64; 9]) -> [f64; 9] {
+fn whitened(whitening: &[[f64; 9]; 9], e: &[f64; 9]) -> [f64; 9] {
     core::array::from_fn(|i| whitening[i][..=i].iter().zip(e).map(|(w, v)| w * v).sum())
 }
 

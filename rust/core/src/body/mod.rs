@@ -42,7 +42,6 @@ pub mod marginals;
 pub mod model;
 pub mod moments;
 pub mod preintegration;
-pub mod residuals;
 pub mod solve;
 pub mod states;
 pub mod tiles;
