@@ -57,6 +57,10 @@ pub struct BodyFit {
     centers: Py<PyArray3<f64>>,
     /// (J, 2, 3).
     axes: Py<PyArray3<f64>>,
+    /// (K, S, 1) squares of the white residuals, nine numbers each, of the dynamics from each moment to the next.
+    link_squares: Py<PyArray3<f64>>,
+    /// (K, J, 4) squares of the white residuals, three numbers each, of a joint's centre, hinge from either side, and axes.
+    joint_squares: Py<PyArray3<f64>>,
     status: &'static str,
     cost: f64,
     /// (T, 5): cost, tried, promised, damping, taken.
@@ -219,7 +223,7 @@ impl BodyProblem {
         let (max_iterations, tolerance, damping) = descent;
         let descent = Descent { max_iterations, tolerance, damping };
         let mut raised: Option<PyErr> = None;
-        let (end, known) = py.detach(|| {
+        let (end, known, squares) = py.detach(|| {
             let problem = Problem::new(&self.model, &self.moments, &start);
             let mut number = 0;
             let mut told = |trial: &Trial| {
@@ -238,20 +242,27 @@ impl BodyProblem {
             let end = minimise(&problem, start.clone(), &descent, &mut told);
             let wanted = covariance && end.status != Status::Interrupted;
             let known = if wanted { uncertainty(&problem, &end.state) } else { None };
-            (end, known)
+            let squares = problem.squares(&end.state);
+            (end, known, squares)
         });
         match raised {
             Some(error) => Err(error),
             None if end.status == Status::Interrupted => {
                 Err(PyKeyboardInterrupt::new_err("stopped while the body was searched for"))
             }
-            None => self.fit(py, &end, known),
+            None => self.fit(py, &end, known, squares),
         }
     }
 }
 
 impl BodyProblem {
-    fn fit(&self, py: Python<'_>, end: &End, known: Option<Uncertainty>) -> PyResult<BodyFit> {
+    fn fit(
+        &self,
+        py: Python<'_>,
+        end: &End,
+        known: Option<Uncertainty>,
+        squares: (Vec<f64>, Vec<[f64; 4]>),
+    ) -> PyResult<BodyFit> {
         let (mut joint_covariance, mut joint_constants, mut constants_covariance) = (None, None, None);
         if let Some(known) = known {
             let (joints, constants) = (self.model.joints.len(), self.model.constants());
@@ -275,6 +286,8 @@ impl BodyProblem {
             acc_bias: of(|m| m.acc_bias)?,
             centers: pairs(&state.centers)?,
             axes: pairs(&state.axes)?,
+            link_squares: cube(py, self.model.sensors, squares.0.into_iter().map(|v| [v]))?,
+            joint_squares: cube(py, self.model.joints.len(), squares.1.into_iter())?,
             status: status_name(end.status),
             cost: end.cost,
             trials: trials.map_err(|e| PyValueError::new_err(e.to_string()))?.into_pyarray(py).unbind(),

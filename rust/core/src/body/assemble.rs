@@ -95,6 +95,26 @@ impl Problem<'_> {
         [1.0 / (noise.gyr_walk * noise.gyr_walk * span), 1.0 / (noise.acc_walk * noise.acc_walk * span)]
     }
 
+    /// Squares of the white residuals at `state`: of each sensor's dynamics (nine numbers) from each moment to the next, zero
+    /// where no samples lead there, and of each joint (three numbers each): centre, hinge from either side, axes; zero where
+    /// it has none.
+    pub fn squares(&self, state: &State) -> (Vec<f64>, Vec<[f64; 4]>) {
+        let (model, sensors) = (self.model, self.model.sensors);
+        let links = self.moments.links.iter().enumerate().map(|(n, link)| {
+            link.as_ref().map_or(0.0, |link| {
+                let e = flat(&imu::residual(&link.pre, &state.motions[n], &state.motions[n + sensors], model.gravity));
+                whitened(&link.whitening, &e).iter().map(|v| v * v).sum()
+            })
+        });
+        let mut joints = Vec::with_capacity(self.moments.len() * model.joints.len());
+        for k in 0..self.moments.len() {
+            self.joints(k, state, |terms| {
+                joints.push(core::array::from_fn(|n| terms.get(n).map_or(0.0, |term: &Term| term.square)));
+            });
+        }
+        (links.collect(), joints)
+    }
+
     /// White residuals of each joint at moment k, without derivatives.
     fn joints(&self, k: usize, state: &State, mut take: impl FnMut(&[Term])) {
         let sensors = self.model.sensors;
