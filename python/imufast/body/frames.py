@@ -41,6 +41,7 @@ def angle_std_deg(
     turned: tuple[Array, Array],
     frames: Callable[[Array], tuple[Array, Array]],
     covariance: tuple[Array, Array, Array],
+    loose: tuple[Array, Array],
 ) -> Array:
     """(K, 3) standard deviations of `angles_deg`, to first order.
 
@@ -50,6 +51,7 @@ def angle_std_deg(
         frames: both frames (3, 3), segment to sensor, after a step (C,) of the constants.
         covariance: (K, 6, 6) of the rotation vectors by which both sensors may be turned in the world, (K, 6, C) of these with
             the constants, (C, C) of the constants.
+        loose: (3,) each, variance about each of its axes of how a segment may be turned against its frame, rad².
     """
     own, beside, constants = covariance
     count = constants.shape[0]
@@ -80,6 +82,9 @@ def angle_std_deg(
     jt, jc = slopes @ by_turns, slopes @ by_constants
     variance = np.einsum("kia,kab,kib->ki", jt, own, jt) + np.einsum("kia,ab,kib->ki", jc, constants, jc)
     variance += 2.0 * np.einsum("kia,kab,kib->ki", jt, beside, jc)
+    # A turn of the upper segment about its own axes is the opposite turn of the lower one about the same lines.
+    upper_slopes = slopes @ np.swapaxes(relative, 1, 2)
+    variance += upper_slopes**2 @ loose[0] + slopes**2 @ loose[1]
     return np.asarray(np.minimum(np.sqrt(np.maximum(variance, 0.0)), 180.0))
 
 

@@ -23,6 +23,12 @@ UNSEEN_DEG = 10.0
 """A joint whose relative heading is less certain than this for most of the time is undetermined, degrees."""
 OPEN_M = 0.03
 """Likewise a joint centre of which a direction is less certain than this, m."""
+APART = 3.0
+"""Sensors that see their joint apart by so many times what was expected, rms, contradict each other."""
+UPRIGHT_DEG = 5.0
+"""A pelvis or foot whose frame is upright when its bearer stands, as most are to within this, degrees..."""
+LEANING_DEG = 10.0
+"""...or, where nobody stood still, on average over all of the motion."""
 UNLIKELY = 5.0
 """A length that is so many of its usual standard deviations off contradicts what was expected."""
 
@@ -38,12 +44,16 @@ class Reading:
         start: BodyStart,
         rows: Rows,
         fit: _core.BodyFit,
+        settings: LowerBodySettings,
     ) -> None:
         self.recording, self.layout, self.anthropometry, self.start = recording, layout, anthropometry, start
         self.rows, self.fit, self.turned = rows, fit, matrix(fit.q)
+        self.settings = settings
+        self.measured: set[int] = set()
         self.frames = self.all_frames()
+        self.loose = self.all_loose()
 
-    def read(self, settings: LowerBodySettings, history: Array, why: list[str]) -> LowerBody:
+    def read(self, history: Array, why: list[str]) -> LowerBody:
         """All of it."""
         layout, fit, turned, found = self.layout, self.fit, self.turned, self.frames
         angles: dict[str, dict[str, Array]] = {kind: {} for kind in ("hip", "knee", "ankle")}
@@ -100,12 +110,13 @@ class Reading:
             history=history,
             placement=dict(layout.placed),
             anthropometry=self.anthropometry,
-            settings=settings,
+            settings=self.settings,
         )
 
     def all_frames(self) -> dict[int, Array]:
         """Sensor to (3, 3), segment to sensor, of all that have a neighbour whose frame is known."""
         found = frames(self.layout, self.fit.centers, self.fit.axes, self.start.up)
+        self.measured = set(found)
         quiet = self.standing()
         for upper, lower in self.layout.joints.values():
             # What has no frame of its own: upright as when standing, to the right as its neighbour then is.
@@ -115,6 +126,28 @@ class Reading:
                     across = np.swapaxes(self.turned[quiet, open_], 1, 2) @ right[:, :, None]
                     found[open_] = frame(across[:, :, 0].mean(axis=0), self.start.up[open_])
         return found
+
+    def all_loose(self) -> list[Array]:
+        """(3,) of each segment: variance about each of its axes of how it may be turned against its frame, rad²."""
+        settled = (self.settings.soft_tissue_deg**2) * np.ones(3)
+        found = [settled.copy() for _ in self.layout.segments]
+        for name, (upper, lower) in self.layout.joints.items():
+            if name.startswith("knee"):
+                # How far both sensors see the axis apart is soft tissue, too, or what no hinge does; on which of them it moves
+                # nothing shows, and neither what it does about the axis: as much as in the quieter direction across it.
+                j = self.layout.names.index(name)
+                apart = self.turned[:, upper] @ self.fit.axes[j, 0] - self.turned[:, lower] @ self.fit.axes[j, 1]
+                _, y, z = ((apart[:, None] @ self.turned[:, upper])[:, 0] @ self.frames[upper]).T
+                about_y, about_z = np.degrees(1.0) ** 2 * np.array([np.mean(z**2), np.mean(y**2)])
+                for k in (upper, lower):
+                    found[k] += np.array([min(about_y, about_z), about_y, about_z])
+        lean = UPRIGHT_DEG if self.start.stood else LEANING_DEG
+        for k, segment in enumerate(self.layout.segments):
+            if segment == "pelvis" and k in self.measured:
+                found[k][0] += lean**2  # the hips show the rest
+            elif k not in self.measured:
+                found[k] += lean**2
+        return [np.radians(1.0) ** 2 * variance for variance in found]
 
     def standing(self) -> Rows:
         """Which moments are quiet; all, where hardly any is."""
@@ -146,8 +179,15 @@ class Reading:
 
         own = fit.joint_covariance[:, j].reshape(-1, 6, 6)
         beside = fit.joint_constants[:, 6 * j : 6 * j + 6, :count]
-        covariance = (own, beside, fit.constants_covariance)
-        return angle_std_deg(kind, side, (turned[:, upper], turned[:, lower]), moved, covariance)
+        covariance = (own, beside, fit.constants_covariance + self.shifted())
+        loose = (self.loose[upper], self.loose[lower])
+        return angle_std_deg(kind, side, (turned[:, upper], turned[:, lower]), moved, covariance, loose)
+
+    def shifted(self) -> Array:
+        """(C, C) what soft tissue adds to the covariance of the constants: to joint centres, m²."""
+        variance = np.zeros(0 if self.fit.constants_covariance is None else len(self.fit.constants_covariance))
+        variance[: self.fit.centers.size] = self.settings.soft_tissue_m**2
+        return np.diag(variance)
 
     def joint(self, name: str) -> BodyJoint:
         """What was found of a joint, and whether that is to be believed."""
@@ -164,7 +204,8 @@ class Reading:
                 block = fit.constants_covariance[
                     6 * j + 3 * side : 6 * j + 3 * side + 3, 6 * j + 3 * side : 6 * j + 3 * side + 3
                 ]
-                center_std[side] = float(np.sqrt(max(np.linalg.eigvalsh(block)[-1], 0.0)))
+                spread = max(np.linalg.eigvalsh(block)[-1], 0.0) + self.settings.soft_tissue_m**2
+                center_std[side] = float(np.sqrt(spread))
         world = self.turned[:, upper]
         relative = np.swapaxes(world, 1, 2) @ self.turned[:, lower]
         alone = matrix(start.rel.q_12[self.rows])
@@ -180,6 +221,10 @@ class Reading:
             why.append(f"heading {drift_deg:.0f} degrees off what its two sensors alone say")
         if float(center_std.max()) > OPEN_M:
             why.append(f"centre certain to {1e3 * float(center_std.max()):.0f} mm only")
+        apart = float(np.sqrt(fit.joint_squares[:, j, 0].mean() / 3.0))
+        if apart > APART:
+            expected_m = getattr(self.settings, f"{name.partition('_')[0]}_std_m")
+            why.append(f"its two sensors see it {100.0 * apart * expected_m:.0f} cm apart: they contradict each other")
         return BodyJoint(
             in_sensors=fit.centers[j],
             in_sensors_std=center_std,
@@ -199,7 +244,7 @@ class Reading:
         row = np.zeros(len(fit.constants_covariance))
         for (joint, side), sign in ((high, 1.0), (low, -1.0)):
             row[6 * joint + 3 * side : 6 * joint + 3 * side + 3] += sign * bone / length
-        return length, float(max(float(row @ fit.constants_covariance @ row), 0.0)) ** 0.5
+        return length, float(max(float(row @ (fit.constants_covariance + self.shifted()) @ row), 0.0)) ** 0.5
 
 
 def _tangent(axis: Array) -> Array:
