@@ -9,6 +9,7 @@ from imufast import _core
 from imufast.body.anatomy import frames
 from imufast.body.frames import angle_std_deg, angles_deg, frame
 from imufast.body.layout import SIDES, Layout
+from imufast.body.problem import center_std_m
 from imufast.body.result import BodyJoint, BodyStatus, LowerBody
 from imufast.body.settings import Anthropometry, LowerBodySettings
 from imufast.body.start import STILL, BodyStart
@@ -217,13 +218,13 @@ class Reading:
             why.append(f"heading certain to {float(np.median(heading)):.0f} degrees only")
         if not start.seen and not name.startswith("knee"):
             why.append("its two sensors alone do not show how they are turned against each other")
-        if start.seen and drift_deg > UNSEEN_DEG:
+        if start.seen and drift_deg > UNSEEN_DEG and self.plausible_alone(name):
             why.append(f"heading {drift_deg:.0f} degrees off what its two sensors alone say")
         if float(center_std.max()) > OPEN_M:
             why.append(f"centre certain to {1e3 * float(center_std.max()):.0f} mm only")
         apart = float(np.sqrt(fit.joint_squares[:, j, 0].mean() / 3.0))
         if apart > APART:
-            expected_m = getattr(self.settings, f"{name.partition('_')[0]}_std_m")
+            expected_m = center_std_m(name.partition("_")[0], self.settings)
             why.append(f"its two sensors see it {100.0 * apart * expected_m:.0f} cm apart: they contradict each other")
         return BodyJoint(
             in_sensors=fit.centers[j],
@@ -233,6 +234,17 @@ class Reading:
             determined=not why,
             why=tuple(why),
         )
+
+    def plausible_alone(self, name: str) -> bool:
+        """Whether the centres that pairs of sensors find alone make bones of usual lengths at a joint: where they do not, its
+        heading, which rests on them, contradicts nothing."""
+        for bone, ends in self.layout.bones().items():
+            if name in (self.layout.names[joint] for joint, _ in ends):
+                high, low = (self.start.joints[self.layout.names[joint]].centers[side] for joint, side in ends)
+                usual, spread = getattr(self.anthropometry, f"{bone.partition('_')[0]}_m")
+                if abs(float(np.linalg.norm(high - low)) - usual) > UNLIKELY * spread:
+                    return False
+        return True
 
     def length(self, high: tuple[int, int], low: tuple[int, int]) -> tuple[float, float]:
         """A bone's length and its standard deviation, m."""
