@@ -235,3 +235,38 @@ fn integrate(
     }
     pre
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alloc::vec;
+
+    fn readings<'a>(time_s: &'a [f64], rows: &'a [Xyz]) -> Readings<'a> {
+        Readings { time_s, gyr: vec![rows], acc: vec![rows], step_s: 0.01, sampling: Sampling::Instant }
+    }
+
+    #[test]
+    fn smooth_motion_does_not_scatter_and_noise_does_by_its_variance() {
+        let mut time_s: Vec<f64> = (0..4000).map(|n| 0.01 * f64::from(n)).collect();
+        let curve: Vec<Xyz> = time_s.iter().map(|t| [1.0 + t, 2.0 * t * t, 3.0 - t * t]).collect();
+        assert!(scatter(&readings(&time_s, &curve), &curve, 0, 3999, (0, 4000)) < 1e-12);
+        let mut state = 1_u64;
+        let noise: Vec<Xyz> = (0..4000)
+            .map(|_| {
+                [(); 3].map(|()| {
+                    state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                    (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+                })
+            })
+            .collect();
+        let found = scatter(&readings(&time_s, &noise), &noise, 0, 3999, (0, 4000));
+        assert!((found * 12.0 - 1.0).abs() < 0.05, "{found}");
+        // What lies beyond the stretch does not count, and neither do differences across a gap.
+        let mut step = curve;
+        step.iter_mut().skip(2000).for_each(|row| row[0] += 50.0);
+        time_s.iter_mut().skip(2000).for_each(|t| *t += 1.0);
+        assert!(scatter(&readings(&time_s, &step), &step, 0, 3999, (0, 4000)) < 1e-12);
+        assert!(scatter(&readings(&time_s, &step), &step, 0, 1990, (0, 2000)) < 1e-12);
+        assert_eq!(scatter(&readings(&time_s, &step), &step, 0, 1, (0, 2)), 0.0);
+    }
+}
