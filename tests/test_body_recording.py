@@ -28,9 +28,7 @@ WALKING_S = 57.0
 def recording(shared_data: Path) -> Recording:
     z = np.load(shared_data / "lower_body" / "full_body_walk.npz")
     rate_hz = float(z["rate_hz"])
-    return Recording(
-        {name: Imu(z[f"{name}.gyr"], z[f"{name}.acc"], rate_hz=rate_hz, name=name) for name in PLACEMENT.values()}
-    )
+    return Recording({name: Imu(z[f"{name}.gyr"], z[f"{name}.acc"], rate_hz=rate_hz, name=name) for name in PLACEMENT.values()})
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +86,7 @@ def test_knees_look_like_gait(body: LowerBody, side: str) -> None:
 
 
 def test_both_legs_head_the_same_way(body: LowerBody) -> None:
-    """Whoever walks to and fro has both knees and both feet ahead: pairs of sensors alone let the feet diverge by 30 degrees."""
+    """Whoever walks has knees and feet ahead: pairs of sensors alone let the feet diverge by 30 degrees."""
     walking = body.time_s > WALKING_S
 
     def heading(segment: str, direction: Array) -> Array:

@@ -195,7 +195,7 @@ class Reading:
         fit, start = self.fit, self.start.joints[name]
         j, (upper, lower) = self.layout.names.index(name), self.layout.joints[name]
         heading = np.full(len(self.rows), np.inf)
-        center_std = np.full(2, np.inf)
+        center_std, shown = np.full(2, np.inf), np.inf
         if fit.joint_covariance is not None and fit.constants_covariance is not None:
             own = fit.joint_covariance[:, j].reshape(-1, 6, 6)
             # Heading: the turn about the upright, of one sensor against the other.
@@ -205,8 +205,10 @@ class Reading:
                 block = fit.constants_covariance[
                     6 * j + 3 * side : 6 * j + 3 * side + 3, 6 * j + 3 * side : 6 * j + 3 * side + 3
                 ]
-                spread = max(np.linalg.eigvalsh(block)[-1], 0.0) + self.settings.soft_tissue_m**2
-                center_std[side] = float(np.sqrt(spread))
+                center_std[side] = float(np.sqrt(max(np.linalg.eigvalsh(block)[-1], 0.0)))
+            # What the motion leaves open is one thing, what no motion shows another.
+            shown = float(center_std.max())
+            center_std = np.hypot(center_std, self.settings.soft_tissue_m)
         world = self.turned[:, upper]
         relative = np.swapaxes(world, 1, 2) @ self.turned[:, lower]
         alone = matrix(start.rel.q_12[self.rows])
@@ -220,8 +222,8 @@ class Reading:
             why.append("its two sensors alone do not show how they are turned against each other")
         if start.seen and drift_deg > UNSEEN_DEG and self.plausible_alone(name):
             why.append(f"heading {drift_deg:.0f} degrees off what its two sensors alone say")
-        if float(center_std.max()) > OPEN_M:
-            why.append(f"centre certain to {1e3 * float(center_std.max()):.0f} mm only")
+        if shown > OPEN_M:
+            why.append(f"centre certain to {1e3 * shown:.0f} mm only")
         apart = float(np.sqrt(fit.joint_squares[:, j, 0].mean() / 3.0))
         if apart > APART:
             expected_m = center_std_m(name.partition("_")[0], self.settings)
