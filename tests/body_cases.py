@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import imufast
 
-WORN = {"gyr_bias": 0.005, "acc_bias": 0.05}
+WORN: dict[str, Any] = {"gyr_bias": 0.005, "acc_bias": 0.05}
 
 
 @cache

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import imufast
 import numpy as np
@@ -23,7 +24,7 @@ def recording(folder: Path, **files: tuple[str, ...]) -> imufast.Recording:
     rng = np.random.default_rng(1)
     paths = []
     for file, names in files.items():
-        arrays = {f"{name}.{kind}": rng.normal(size=(50, 3)) for name in names for kind in ("gyr", "acc")}
+        arrays: dict[str, Any] = {f"{name}.{kind}": rng.normal(size=(50, 3)) for name in names for kind in ("gyr", "acc")}
         np.savez(folder / f"{file}.npz", rate_hz=50.0, **arrays)
         paths.append(folder / f"{file}.npz")
     with pytest.warns(imufast.ImufastWarning):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -100,7 +101,7 @@ def test_what_is_open_is_said_in_words(tmp_path: Path) -> None:
 
 def test_unknown_bands_and_a_search_cut_short_still_make_a_page(tmp_path: Path) -> None:
     body = found()
-    unknown = {
+    unknown: dict[str, Any] = {
         f"{kind}_std_deg": {side: np.full_like(std, np.inf) for side, std in getattr(body, f"{kind}_std_deg").items()}
         for kind in ("hip", "knee", "ankle")
     }
@@ -142,9 +143,9 @@ def test_the_stick_figure_keeps_lengths_and_angles() -> None:
         rows = body.knee_angles_deg[side][:, 0] > 30.0
         np.testing.assert_allclose(bent[rows], body.knee_angles_deg[side][rows, 0], atol=4.0)
         # Where the true joints are, the heading aside: heights.
-        rows = np.searchsorted(truth.time_s, body.time_s - 1e-9)
+        at = np.searchsorted(truth.time_s, body.time_s - 1e-9)
         true = truth.joint_position[f"hip_{side}"] - truth.joint_position[f"ankle_{side}"]
-        np.testing.assert_allclose((hip - ankle)[:, 2], true[rows, 2], atol=0.04)
+        np.testing.assert_allclose((hip - ankle)[:, 2], true[at, 2], atol=0.04)
     assert min(float(place[:, 2].min()) for place in drawn.points.values()) == pytest.approx(0.0, abs=1e-9)
     # The subject faces along y, right is to the right.
     ahead = matrix(body.q_segment["pelvis"])[:, :2, 1]
@@ -174,7 +175,7 @@ def test_the_animation_runs_in_real_time_and_moves(tmp_path: Path) -> None:
     path = tmp_path / "a.gif"
     write_animation(found(), path, title="A $walk", span_s=(8.0, 10.0), progress=lambda *now: done.append(now))
     with Image.open(path) as film:
-        assert film.n_frames == 21  # type: ignore[attr-defined]
+        assert film.n_frames == 21
         assert film.info["duration"] == 100
         pictures = []
         for k in (0, 10):
@@ -222,7 +223,7 @@ def test_a_stopped_animation_leaves_nothing(tmp_path: Path) -> None:
     def stop(*_: int) -> None:
         raise EnoughError
 
-    names = ("a.gif", "a.mp4") if animation.shutil.which("ffmpeg") or _has_imageio() else ("a.gif",)
+    names = ("a.gif", "a.mp4") if shutil.which("ffmpeg") or _has_imageio() else ("a.gif",)
     for name in names:
         with pytest.raises(EnoughError):
             write_animation(found(), tmp_path / name, span_s=(8.0, 9.0), progress=stop)

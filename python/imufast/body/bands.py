@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from imufast.angles import quadratic
 from imufast.joint_angles import clinical
 
 __all__ = ["angles_deg", "between", "pelvis_deg", "pelvis_std_deg", "std_deg"]
@@ -30,7 +29,7 @@ def std_deg(
     lower: tuple[Array, Array],
     turns: tuple[Array, Array],
     covariance: tuple[Array, Array, Array],
-    posed: tuple[Array, Array],
+    loose: tuple[Array, Array],
 ) -> Array:
     """(K, 3) standard deviations of `angles_deg`, to first order; at most 180.
 
@@ -40,8 +39,7 @@ def std_deg(
         turns: (3, C) of either segment's frame, in its own axes, by the constants.
         covariance: (K, 6, 6) of the rotation vectors by which both sensors may be turned in the world, (K, 6, C) of these with
             the constants, (C, C) of the constants.
-        posed: (3, 3) of the error of either segment's frame by the pose that it was made from, as a small rotation in its axes,
-            rad².
+        loose: (3,) each, variance about each of its axes of how a segment may be turned against its frame, rad².
     """
     relative = between(upper, lower)
     back = np.swapaxes(lower[0] @ lower[1], 1, 2)
@@ -50,7 +48,7 @@ def std_deg(
     by_turns = per_turn @ np.concatenate([-back, back], axis=2)
     to_lower = np.swapaxes(relative, 1, 2)
     by_constants = per_turn @ (turns[1] - to_lower @ turns[0])
-    return _std(by_turns, by_constants, covariance, quadratic(per_turn, posed[1]) + quadratic(per_turn @ to_lower, posed[0]))
+    return _std(by_turns, by_constants, covariance, per_turn**2 @ loose[1] + (per_turn @ to_lower) ** 2 @ loose[0])
 
 
 def pelvis_deg(pelvis: tuple[Array, Array]) -> Array:

@@ -91,7 +91,7 @@ def estimate_lower_body(
         fit = _search(graph, state, how, progress)
         history.append(fit.trials)
         why.append("a knee's axis was turned round and the search repeated")
-    return Reading(recording, placed, measures, start, rows, fit).read(how, np.concatenate(history), why)
+    return Reading(recording, placed, measures, start, rows, fit, how).read(np.concatenate(history), why)
 
 
 STATE = ("q", "velocity", "position", "gyr_bias", "acc_bias", "centers", "axes")

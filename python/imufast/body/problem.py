@@ -10,12 +10,23 @@ from imufast.body.layout import Layout
 from imufast.body.settings import Anthropometry, LowerBodySettings
 from imufast.imu import Recording
 
-__all__ = ["LIMITS_M", "problem"]
+__all__ = ["LIMITS_M", "center_std_m", "problem"]
 
 Array = NDArray[np.float64]
 GRAVITY = 9.80665
 LIMITS_M = {"femur": (0.326, 0.480), "tibia": (0.344, 0.479), "hips": (0.0, 0.409)}
 GAUGE_STD = 1e-3
+APART_S = 0.1
+"""Residuals of a joint this far apart count as independent, s: soft tissue moves no faster than the leg."""
+
+
+def center_std_m(kind: str, settings: LowerBodySettings) -> float:
+    """Of a "hip", "knee" or "ankle" as it counts at each moment: what they say in a second does not depend on their number."""
+    return float(getattr(settings, f"{kind}_std_m") * _more(settings))
+
+
+def _more(settings: LowerBodySettings) -> float:
+    return float(np.sqrt(APART_S / settings.key_step_s))
 
 
 def problem(
@@ -23,13 +34,13 @@ def problem(
 ) -> _core.BodyProblem:
     """Sensors, joints and measures as the core wants them; `biases` (S, 2, 3) of gyroscopes (rad/s) and accelerometers."""
     s, a = settings, anthropometry
-    center_std = {"hip": s.hip_std_m, "knee": s.knee_std_m, "ankle": s.ankle_std_m}
-    axes_std = None if s.axes_std_deg is None else float(np.radians(s.axes_std_deg))
+    hinge_std = s.hinge_std * _more(s)
+    axes_std = None if s.axes_std_deg is None else float(np.radians(s.axes_std_deg) * _more(s))
     joints = []
     for name, (upper, lower) in layout.joints.items():
         kind = name.split("_")[0]
         hinge = kind == "knee"
-        joints.append((upper, lower, [center_std[kind]] * 3, s.hinge_std if hinge else None, axes_std if hinge else None))
+        joints.append((upper, lower, [center_std_m(kind, s)] * 3, hinge_std if hinge else None, axes_std if hinge else None))
     bones, angles, order = [], [], []
     lengths = {"femur": a.femur_m, "tibia": a.tibia_m, "hips": a.hips_m}
     for name, (upper_end, lower_end) in layout.bones().items():

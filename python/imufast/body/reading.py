@@ -9,6 +9,7 @@ from imufast import _core
 from imufast.body.anatomy import frames
 from imufast.body.bands import angles_deg, between, pelvis_deg, pelvis_std_deg, std_deg
 from imufast.body.layout import SIDES, Layout
+from imufast.body.problem import center_std_m
 from imufast.body.residuals import residuals
 from imufast.body.result import BodyJoint, BodyStatus, LowerBody
 from imufast.body.settings import Anthropometry, LowerBodySettings
@@ -25,6 +26,12 @@ UNSEEN_DEG = 10.0
 """A joint whose relative heading is less certain than this for most of the time is undetermined, degrees."""
 OPEN_M = 0.03
 """Likewise a joint centre of which a direction is less certain than this, m."""
+APART = 3.0
+"""Sensors that see their joint apart by so many times what was expected, rms, contradict each other."""
+UPRIGHT_DEG = STANDING_STD_DEG
+"""A pelvis or foot whose frame is upright when its bearer stands, as most are to within this, degrees..."""
+LEANING_DEG = 10.0
+"""...or, where nobody stood still, on average over all of the motion."""
 UNLIKELY = 5.0
 """A length that is so many of its usual standard deviations off contradicts what was expected."""
 MCGRATH = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
@@ -42,13 +49,17 @@ class Reading:
         start: BodyStart,
         rows: Rows,
         fit: _core.BodyFit,
+        settings: LowerBodySettings,
     ) -> None:
         self.recording, self.layout, self.anthropometry, self.start = recording, layout, anthropometry, start
         self.rows, self.fit, self.turned = rows, fit, matrix(fit.q)
+        self.settings = settings
+        self.measured: set[int] = set()
         self.frames = self.all_frames()
         self.turns = self.turns_of_frames()
+        self.loose = self.all_loose()
 
-    def read(self, settings: LowerBodySettings, history: Array, why: list[str]) -> LowerBody:
+    def read(self, history: Array, why: list[str]) -> LowerBody:
         """All of it."""
         layout, fit, turned, found = self.layout, self.fit, self.turned, self.frames
         angles: dict[str, dict[str, Array]] = {kind: {} for kind in ("hip", "knee", "ankle")}
@@ -105,16 +116,17 @@ class Reading:
             lengths_m=lengths,
             cost=fit.cost,
             iterations=len(history),
-            residuals=residuals(layout, self.recording.time_s[self.rows], fit, self.anthropometry, settings, lengths),
+            residuals=residuals(layout, self.recording.time_s[self.rows], fit, self.anthropometry, self.settings, lengths),
             history=history,
             placement=dict(layout.placed),
             anthropometry=self.anthropometry,
-            settings=settings,
+            settings=self.settings,
         )
 
     def all_frames(self) -> dict[int, Array]:
         """Sensor to (3, 3), segment to sensor, of all that have a neighbour whose frame is known."""
         found = frames(self.layout, self.fit.centers, self.fit.axes, self.start.up)
+        self.measured = set(found)
         quiet = self.standing()
         for upper, lower in self.layout.joints.values():
             # What has no frame of its own: upright as when standing, to the right as its neighbour then is.
@@ -124,6 +136,28 @@ class Reading:
                     across = np.swapaxes(self.turned[quiet, open_], 1, 2) @ right[:, :, None]
                     found[open_] = spanned("proximal", self.start.up[open_], "right", across[:, :, 0].mean(axis=0)).T
         return found
+
+    def all_loose(self) -> dict[int, Array]:
+        """Sensor to (3,): variance about X, Y and Z of its segment of how that may be turned against its frame, rad²."""
+        settled = (self.settings.soft_tissue_deg**2) * np.ones(3)
+        found = [settled.copy() for _ in self.layout.segments]
+        for name, (upper, lower) in self.layout.joints.items():
+            if name.startswith("knee"):
+                # How far both sensors see the axis apart is soft tissue, too, or what no hinge does; on which of them it moves
+                # nothing shows, and neither what it does about the axis: as much as in the quieter direction across it.
+                j = self.layout.names.index(name)
+                apart = self.turned[:, upper] @ self.fit.axes[j, 0] - self.turned[:, lower] @ self.fit.axes[j, 1]
+                front, up, _ = ((apart[:, None] @ self.turned[:, upper])[:, 0] @ self.frames[upper]).T
+                about_front, about_up = np.degrees(1.0) ** 2 * np.array([np.mean(up**2), np.mean(front**2)])
+                for k in (upper, lower):
+                    found[k] += np.array([about_front, about_up, min(about_front, about_up)])
+        lean = UPRIGHT_DEG if self.start.stood else LEANING_DEG
+        for k, segment in enumerate(self.layout.segments):
+            if segment == "pelvis" and k in self.measured:
+                found[k][2] += lean**2  # the hips show the rest
+            elif k not in self.measured:
+                found[k] += lean**2
+        return {k: np.radians(1.0) ** 2 * variance for k, variance in enumerate(found)}
 
     def standing(self) -> Rows:
         """Which moments are quiet; all, where hardly any is."""
@@ -167,29 +201,15 @@ class Reading:
             return np.full((len(self.turned), 3), np.inf)
         own = fit.joint_covariance[:, j].reshape(-1, 6, 6)
         beside = fit.joint_constants[:, 6 * j : 6 * j + 6]
-        covariance = (own, beside, fit.constants_covariance)
-        turns, posed = ((of[upper], of[lower]) for of in (self.turns, self.posed()))
-        return std_deg(kind, side, self.of(upper), self.of(lower), turns, covariance, posed)
+        covariance = (own, beside, fit.constants_covariance + self.shifted())
+        turns, loose = ((of[upper], of[lower]) for of in (self.turns, self.loose))
+        return std_deg(kind, side, self.of(upper), self.of(lower), turns, covariance, loose)
 
-    def posed(self) -> dict[int, Array]:
-        """Sensor to (3, 3): how far its segment is taken to stand otherwise than the pose says that its frame rests on, as a
-        small rotation in its axes, rad². As `segment_frame` takes it."""
-        layout, bones = self.layout, self.layout.bones()
-        own = frames(layout, self.fit.centers, self.fit.axes, self.start.up)
-        variance, found = np.radians(STANDING_STD_DEG) ** 2, {}
-        for k, segment in enumerate(layout.segments):
-            kind, _, side = segment.partition("_")
-            bone = {"pelvis": "hips", "thigh": f"femur_{side}", "shank": f"tibia_{side}"}.get(kind)
-            # X, Y, Z: of a pelvis between both hips the tilt alone, of a bone nothing, of what has no axis of its own all.
-            about = (
-                [1.0, 1.0, 1.0]
-                if k not in own
-                else [1.0, 0.0, 1.0]
-                if bone not in bones
-                else [0.0, 0.0, float(kind == "pelvis")]
-            )
-            found[k] = variance * np.diag(about)
-        return found
+    def shifted(self) -> Array:
+        """(C, C) what soft tissue adds to the covariance of the constants: to joint centres, m²."""
+        variance = np.zeros(0 if self.fit.constants_covariance is None else len(self.fit.constants_covariance))
+        variance[: self.fit.centers.size] = self.settings.soft_tissue_m**2
+        return np.diag(variance)
 
     def pelvis(self) -> tuple[Array, Array]:
         """(K, 2) tilt and list, and their standard deviations, degrees; (K, 0) where there is none."""
@@ -201,7 +221,7 @@ class Reading:
             return angles, np.full(angles.shape, np.inf)
         j = self.layout.names.index(hips[0])
         own = fit.joint_covariance[:, j].reshape(-1, 6, 6)[:, :3, :3]
-        covariance = (own, fit.joint_constants[:, 6 * j : 6 * j + 3], fit.constants_covariance)
+        covariance = (own, fit.joint_constants[:, 6 * j : 6 * j + 3], fit.constants_covariance + self.shifted())
         return angles, pelvis_std_deg(self.of(0), self.turns[0], covariance)
 
     def joint(self, name: str) -> BodyJoint:
@@ -209,7 +229,7 @@ class Reading:
         fit, start = self.fit, self.start.joints[name]
         j, (upper, lower) = self.layout.names.index(name), self.layout.joints[name]
         heading = np.full(len(self.rows), np.inf)
-        center_std = np.full(2, np.inf)
+        center_std, shown = np.full(2, np.inf), np.inf
         if fit.joint_covariance is not None and fit.constants_covariance is not None:
             own = fit.joint_covariance[:, j].reshape(-1, 6, 6)
             # Heading: the turn about the upright, of one sensor against the other.
@@ -220,6 +240,9 @@ class Reading:
                     6 * j + 3 * side : 6 * j + 3 * side + 3, 6 * j + 3 * side : 6 * j + 3 * side + 3
                 ]
                 center_std[side] = float(np.sqrt(max(np.linalg.eigvalsh(block)[-1], 0.0)))
+            # What the motion leaves open is one thing, what no motion shows another.
+            shown = float(center_std.max())
+            center_std = np.hypot(center_std, self.settings.soft_tissue_m)
         world = self.turned[:, upper]
         relative = np.swapaxes(world, 1, 2) @ self.turned[:, lower]
         alone = matrix(start.rel.q_12[self.rows])
@@ -231,10 +254,14 @@ class Reading:
             why.append(f"heading certain to {float(np.median(heading)):.0f} degrees only")
         if not start.seen and not name.startswith("knee"):
             why.append("its two sensors alone do not show how they are turned against each other")
-        if start.seen and drift_deg > UNSEEN_DEG:
+        if start.seen and drift_deg > UNSEEN_DEG and self.plausible_alone(name):
             why.append(f"heading {drift_deg:.0f} degrees off what its two sensors alone say")
-        if float(center_std.max()) > OPEN_M:
-            why.append(f"centre certain to {1e3 * float(center_std.max()):.0f} mm only")
+        if shown > OPEN_M:
+            why.append(f"centre certain to {1e3 * shown:.0f} mm only")
+        apart = float(np.sqrt(fit.joint_squares[:, j, 0].mean() / 3.0))
+        if apart > APART:
+            expected_m = center_std_m(name.partition("_")[0], self.settings)
+            why.append(f"its two sensors see it {100.0 * apart * expected_m:.0f} cm apart: they contradict each other")
         return BodyJoint(
             in_sensors=fit.centers[j],
             in_sensors_std=center_std,
@@ -243,6 +270,17 @@ class Reading:
             determined=not why,
             why=tuple(why),
         )
+
+    def plausible_alone(self, name: str) -> bool:
+        """Whether the centres that pairs of sensors find alone make bones of usual lengths at a joint: where they do not, its
+        heading, which rests on them, contradicts nothing."""
+        for bone, ends in self.layout.bones().items():
+            if name in (self.layout.names[joint] for joint, _ in ends):
+                high, low = (self.start.joints[self.layout.names[joint]].centers[side] for joint, side in ends)
+                usual, spread = getattr(self.anthropometry, f"{bone.partition('_')[0]}_m")
+                if abs(float(np.linalg.norm(high - low)) - usual) > UNLIKELY * spread:
+                    return False
+        return True
 
     def length(self, high: tuple[int, int], low: tuple[int, int]) -> tuple[float, float]:
         """A bone's length and its standard deviation, m."""
@@ -254,7 +292,7 @@ class Reading:
         row = np.zeros(len(fit.constants_covariance))
         for (joint, side), sign in ((high, 1.0), (low, -1.0)):
             row[6 * joint + 3 * side : 6 * joint + 3 * side + 3] += sign * bone / length
-        return length, float(max(float(row @ fit.constants_covariance @ row), 0.0)) ** 0.5
+        return length, float(max(float(row @ (fit.constants_covariance + self.shifted()) @ row), 0.0)) ** 0.5
 
 
 def _tangent(axis: Array) -> Array:

@@ -85,10 +85,13 @@ class LowerBodySettings(Checked):
         gyr_walk, acc_walk: random walk of the biases, rad/s/√s and m/s²/√s; defaults 2e-5 and 2e-4.
         gyr_bias_std, acc_bias_std: of each bias channel around what `track` finds, rad/s and m/s²; defaults 0.005 and 0.1.
         hip_std_m, knee_std_m, ankle_std_m: how far apart the sensors on either side may see a joint, m: soft tissue. Defaults
-            0.03, 0.02, 0.015.
+            0.03, 0.02, 0.015. These and the next two are of residuals 0.1 s apart, whatever `key_step_s`.
         hinge_std: rate of a knee across its axis, rad/s; default 0.5.
         axes_std_deg: how far the knee's axis in the shank may stand off that in the thigh, degrees; None: not asked, as the
             paper does. Default 7.
+        soft_tissue_deg, soft_tissue_m: how far, about and along each axis, skin and straps have turned a sensor on its bone and
+            shifted the joints that it sees, in step with the movement: no sensor shows that, so it only widens the bands.
+            Defaults 1.7 and 0.006, 3 degrees and 1 cm per radian of flexion over one radian in some direction; 0: rigid mounts.
         center_std_m: joint centres around what `track` finds, m; default 0.1.
         tail: degrees of freedom of Student's t for joints and hinges; inf: Gaussian. Default 5.
         max_iterations: linear systems to solve. Default 60.
@@ -112,6 +115,8 @@ class LowerBodySettings(Checked):
     ankle_std_m: float = 0.015
     hinge_std: float = 0.5
     axes_std_deg: float | None = 7.0
+    soft_tissue_deg: float = 1.7
+    soft_tissue_m: float = 0.006
     center_std_m: float = 0.1
     tail: float = 5.0
     max_iterations: int = 60
@@ -132,6 +137,8 @@ class LowerBodySettings(Checked):
             "ankle_std_m": (1e-4, 1.0),
             "hinge_std": (1e-3, 100.0),
             "axes_std_deg": (0.1, 90.0),
+            "soft_tissue_deg": (0.0, 90.0),
+            "soft_tissue_m": (0.0, 1.0),
             "center_std_m": (1e-3, math.inf),
             "tail": (1.0, math.inf),
             "tolerance": (1e-9, 10.0),

@@ -65,6 +65,7 @@ class BodyStart:
         biases: (S, 2, 3) gyroscope and accelerometer biases, rad/s and m/s²: the mean of what the joints of a sensor say.
         q: (N, S, 4) sensors to the world, from the root down.
         up: (S, 3) what is upwards in each sensor while the subject stands still, or on average.
+        stood: whether the subject stood still for a second.
     """
 
     def __init__(self, recording: Recording, layout: Layout) -> None:
@@ -82,7 +83,8 @@ class BodyStart:
         for name, (upper, lower) in layout.joints.items():
             self.q[:, lower] = multiply(self.q[:, upper], self.joints[name].rel.q_12)
         quiet = np.max([np.linalg.norm(imu.gyr, axis=1) for imu in imus], axis=0) < STILL
-        rows = quiet if quiet.sum() >= recording.rate_hz else np.ones(len(quiet), dtype=bool)
+        self.stood = bool(quiet.sum() >= recording.rate_hz)
+        rows = quiet if self.stood else np.ones(len(quiet), dtype=bool)
         up = matrix(self.q[rows])[:, :, 2, :].mean(axis=0)
         self.up: Array = up / np.linalg.norm(up, axis=1, keepdims=True)
 

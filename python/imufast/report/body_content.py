@@ -180,7 +180,7 @@ def _joint(body: LowerBody, name: str, most: int | None) -> dict[str, Any]:
     return {
         "name": words.name_words(name),
         "determined": joint.determined,
-        "words": words.joint_words(name, joint),
+        "words": words.joint_words(joint),
         "why": joint.why,
         "heading_std_median_deg": float(np.median(heading)),
         "heading_drift_deg": joint.heading_drift_deg,

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from imufast.body.reading import OPEN_M, UNSEEN_DEG
 from imufast.body.result import BodyJoint, BodyStatus, LowerBody
-from imufast.report.joint_words import millimetres
 from imufast.report.orientation_words import degrees
 
 __all__ = [
@@ -40,14 +38,15 @@ RESIDUALS = {
 }
 CONTRADICTED = 2.5
 """A residual of so many standard deviations is pointed out."""
-_HEADLINES = {
+_HEADLINES: dict[str, str] = {
     BodyStatus.CONVERGED: "Pelvis and legs are known",
     BodyStatus.STALLED: "The search stalled before its end",
     BodyStatus.MAX_ITERATIONS: "The search ran out of iterations",
     BodyStatus.NOT_OBSERVABLE: "The motion determines none of the joints",
     BodyStatus.NUMERICAL_ERROR: "The numbers overflow: are they in the right unit?",
+    "PLACEMENT_CONTRADICTED": "The sensors are not where the placement says",
 }
-_ADVICE = {
+_ADVICE: dict[str, str] = {
     BodyStatus.CONVERGED: "The angles below can be used, within their bands.",
     BodyStatus.STALLED: "Take the numbers with care: they are the best that was found, not the minimum, and their bands do not "
     "know of it.",
@@ -55,6 +54,7 @@ _ADVICE = {
     "do not know of it.",
     BodyStatus.NOT_OBSERVABLE: "Do not use these angles. Record more motion: walk, stand up, bend and turn each hip.",
     BodyStatus.NUMERICAL_ERROR: "Check the units of the recording.",
+    "PLACEMENT_CONTRADICTED": "The numbers are of no use: correct the placement as the notes say, and run it again.",
 }
 LIMITS_OF_USE = (
     "Sensors sit on skin. Joint centres and axes are functional ones, those that skin and straps show; bones may lie "
@@ -109,22 +109,11 @@ def certainty(body: LowerBody) -> str:
     return f"Standard deviation of flexion, in the median: {', '.join(said)}." if said else "No joint angle could be told."
 
 
-def joint_words(name: str, joint: BodyJoint) -> str:
+def joint_words(joint: BodyJoint) -> str:
     """What the motion tells of a joint, in one sentence."""
     if joint.determined:
         return "The motion shows how its segments are turned against each other, and its centre."
-    heading = float(np.median(joint.heading_std_deg))
-    said = []
-    if heading > UNSEEN_DEG:
-        said.append("the motion hardly shows how its segments are turned against each other about the upright")
-    if joint.heading_drift_deg > UNSEEN_DEG:
-        said.append(
-            f"about the upright it comes out {degrees(joint.heading_drift_deg)} from what its two sensors alone say: one of "
-            "both is wrong, as where soft tissue or straps move"
-        )
-    if float(joint.in_sensors_std.max()) > OPEN_M:
-        said.append(f"its centre is certain to {millimetres(float(joint.in_sensors_std.max()))} only")
-    text = "; ".join(said or joint.why)
+    text = "; ".join(joint.why)
     return f"{text[:1].upper()}{text[1:]}."
 
 

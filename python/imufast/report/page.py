@@ -131,7 +131,7 @@ def _body_page(report: dict[str, Any], template: jinja2.Template) -> str:
         pictures["flexion"] = draw.flexion_picture(report, clock)
         pictures["close"] = draw.close_picture(report, clock)
     known = all(joint["determined"] for joint in report["joints"].values())
-    tones = {"CONVERGED": "good" if known else "open", "NUMERICAL_ERROR": "bad"}
+    tones = {"CONVERGED": "good" if known else "open", "NUMERICAL_ERROR": "bad", "PLACEMENT_CONTRADICTED": "bad"}
     return template.render(report=report, pictures=pictures, tone=tones.get(report["status"], "open"))
 
 

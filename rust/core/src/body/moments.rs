@@ -100,7 +100,7 @@ impl Moments {
             for s in 0..sensors {
                 rates.push(rate(readings, s, moment.sample, *stretch, spacing.rate_samples));
                 links.push(if moment.linked {
-                    let pre = integrate(readings, s, moment.sample, spacing, &biases[s], noise, roughness[s]);
+                    let pre = integrate(readings, s, moment.sample, *stretch, spacing, &biases[s], noise, roughness[s]);
                     let whitening = pre.whitening()?;
                     Some(Link { pre, whitening })
                 } else {
@@ -165,6 +165,22 @@ fn slope_rms(readings: &Readings<'_>, rows: &[Xyz]) -> f64 {
     ComplexField::sqrt(sum / f64::from(count.max(1)))
 }
 
+/// Variance that no smooth motion explains, of one channel of one sample: third differences (of white noise they have 20 times
+/// its variance) over the steps between two samples, as far as the stretch goes. Impacts and ringing straps are faster than
+/// samples follow: what lies between these is then known no better than they scatter.
+fn scatter(readings: &Readings<'_>, rows: &[Xyz], from: usize, to: usize, stretch: (usize, usize)) -> f64 {
+    let (low, high) = (from.saturating_sub(1).max(stretch.0), (to + 2).min(stretch.1));
+    let (mut sum, mut count) = (0.0, 0_u32);
+    for (four, t) in rows[low..high].windows(4).zip(readings.time_s[low..high].windows(4)) {
+        if t[3] - t[0] < 3.5 * readings.step_s {
+            let [a, b, c, d] = [0, 1, 2, 3].map(|n| vector(&four[n]));
+            sum += (d - a - (c - b) * 3.0).norm_squared() / (3.0 * 20.0);
+            count += 1;
+        }
+    }
+    sum / f64::from(count.max(1))
+}
+
 /// Mean rate around a sample, within its stretch.
 fn rate(readings: &Readings<'_>, sensor: usize, sample: usize, stretch: (usize, usize), reach: usize) -> Vector3<f64> {
     let rows = readings.gyr[sensor];
@@ -182,10 +198,12 @@ fn rate(readings: &Readings<'_>, sensor: usize, sample: usize, stretch: (usize, 
     rows[low..high].iter().map(vector).sum::<Vector3<f64>>() / (high - low) as f64
 }
 
+#[expect(clippy::too_many_arguments, reason = "one call from one place")]
 fn integrate(
     readings: &Readings<'_>,
     sensor: usize,
     from: usize,
+    stretch: (usize, usize),
     spacing: &Spacing,
     bias: &[Vector3<f64>; 2],
     noise: &Noise,
@@ -193,7 +211,13 @@ fn integrate(
 ) -> Preintegrated {
     let mut pre = Preintegrated::new(bias[0], bias[1]);
     let (gyr, acc) = (readings.gyr[sensor], readings.acc[sensor]);
-    for n in from..from + spacing.key_samples {
+    let to = from + spacing.key_samples;
+    // A mean over the interval is exact however rough the motion.
+    let [rough_gyr, rough_acc] = [gyr, acc].map(|rows| match readings.sampling {
+        Sampling::Instant => scatter(readings, rows, from, to, stretch),
+        Sampling::Interval => 0.0,
+    });
+    for n in from..to {
         let dt = readings.time_s[n + 1] - readings.time_s[n];
         let mean = |rows: &[Xyz]| match readings.sampling {
             Sampling::Instant => 0.5 * (vector(&rows[n]) + vector(&rows[n + 1])),
@@ -204,9 +228,45 @@ fn integrate(
             let miss = if dt > 1.5 * readings.step_s { rough * dt * dt / 8.0 } else { 0.0 };
             miss * miss / (3.0 * dt)
         };
-        let wider = |std: f64, rough: f64| ComplexField::sqrt(std * std + missed(rough));
+        let wider = |std: f64, scatter: f64, rough: f64| ComplexField::sqrt((std * std).max(scatter * dt) + missed(rough));
         let step = Step { dt, gyr: mean(gyr), acc: mean(acc) };
-        pre.push(&step, wider(noise.gyr, roughness[0]), wider(noise.acc, roughness[1]), noise.position);
+        let (gyr_std, acc_std) = (wider(noise.gyr, rough_gyr, roughness[0]), wider(noise.acc, rough_acc, roughness[1]));
+        pre.push(&step, gyr_std, acc_std, noise.position);
     }
     pre
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alloc::vec;
+
+    fn readings<'a>(time_s: &'a [f64], rows: &'a [Xyz]) -> Readings<'a> {
+        Readings { time_s, gyr: vec![rows], acc: vec![rows], step_s: 0.01, sampling: Sampling::Instant }
+    }
+
+    #[test]
+    fn smooth_motion_does_not_scatter_and_noise_does_by_its_variance() {
+        let mut time_s: Vec<f64> = (0..4000).map(|n| 0.01 * f64::from(n)).collect();
+        let curve: Vec<Xyz> = time_s.iter().map(|t| [1.0 + t, 2.0 * t * t, 3.0 - t * t]).collect();
+        assert!(scatter(&readings(&time_s, &curve), &curve, 0, 3999, (0, 4000)) < 1e-12);
+        let mut state = 1_u64;
+        let noise: Vec<Xyz> = (0..4000)
+            .map(|_| {
+                [(); 3].map(|()| {
+                    state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                    (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+                })
+            })
+            .collect();
+        let found = scatter(&readings(&time_s, &noise), &noise, 0, 3999, (0, 4000));
+        assert!((found * 12.0 - 1.0).abs() < 0.05, "{found}");
+        // What lies beyond the stretch does not count, and neither do differences across a gap.
+        let mut step = curve;
+        step.iter_mut().skip(2000).for_each(|row| row[0] += 50.0);
+        time_s.iter_mut().skip(2000).for_each(|t| *t += 1.0);
+        assert!(scatter(&readings(&time_s, &step), &step, 0, 3999, (0, 4000)) < 1e-12);
+        assert!(scatter(&readings(&time_s, &step), &step, 0, 1990, (0, 2000)) < 1e-12);
+        assert_eq!(scatter(&readings(&time_s, &step), &step, 0, 1, (0, 2)), 0.0);
+    }
 }

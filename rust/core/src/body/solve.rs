@@ -96,7 +96,7 @@ pub fn minimise(problem: &Problem<'_>, state: State, descent: &Descent, watch: &
             break Status::MaxIterations;
         }
         let from = ahead.as_ref().map_or(&state, |(there, ..)| there);
-        let Some((next, promised)) = step(problem, from, damping, &mut band) else {
+        let Some(Way { mut next, promised, slope, steps, border }) = step(problem, from, damping, &mut band) else {
             ahead = None;
             damping = (damping * 10.0).max(LEAST);
             if damping > MOST {
@@ -104,7 +104,20 @@ pub fn minimise(problem: &Problem<'_>, state: State, descent: &Descent, watch: &
             }
             continue;
         };
-        let tried = problem.cost(&next);
+        let mut tried = problem.cost(&next);
+        // Where the cost bends more than its quadratic model (lengths that contradict the joints, heavy tails), full steps leap
+        // from side to side: the parabola through the slope and both costs says how far to go. What climbs by more than was
+        // promised is the valley's bend, not this.
+        let (bend, climb) = (tried - cost + slope, tried - cost);
+        if ahead.is_none() && climb > -0.5 * promised && climb < promised && bend > 0.0 {
+            let share = 0.5 * slope / bend;
+            let scaled = |v: &[f64]| -> Vec<f64> { v.iter().map(|v| share * v).collect() };
+            let shorter = from.moved(model, &scaled(&steps), &scaled(&border));
+            let cost = problem.cost(&shorter);
+            if cost < tried {
+                (next, tried) = (shorter, cost);
+            }
+        }
         let second = ahead.take();
         let promised_before = second.as_ref().map_or(promised, |(_, first, _)| *first);
         let (fall, slight) = (cost - tried, damping <= SLIGHT);
@@ -146,9 +159,19 @@ pub fn minimise(problem: &Problem<'_>, state: State, descent: &Descent, watch: &
     End { state, cost, status, trials }
 }
 
-/// The damped Gauss–Newton step from `state`, and the fall of the cost that it promises; None where the system is not positive
-/// definite.
-fn step(problem: &Problem<'_>, state: &State, damping: f64, band: &mut Band) -> Option<(State, f64)> {
+/// A damped Gauss–Newton step.
+struct Way {
+    next: State,
+    /// Fall of the cost that the quadratic model promises.
+    promised: f64,
+    /// Fall of the cost per step at its beginning.
+    slope: f64,
+    steps: Vec<f64>,
+    border: Vec<f64>,
+}
+
+/// From `state`; None where the system is not positive definite.
+fn step(problem: &Problem<'_>, state: &State, damping: f64, band: &mut Band) -> Option<Way> {
     if !eliminated(problem, state, damping, band) {
         return None;
     }
@@ -156,7 +179,13 @@ fn step(problem: &Problem<'_>, state: &State, damping: f64, band: &mut Band) -> 
     // gᵀ(H + D)⁻¹g/2 is the promise of the damped model; that of the plain one, which the cost follows, is more by δᵀDδ/2.
     let extra = problem.damped(damping, &solution.steps, &solution.border);
     let promised = 0.5 * solution.decrement + 0.5 * extra;
-    promised.is_finite().then(|| (state.moved(problem.model, &solution.steps, &solution.border), promised))
+    promised.is_finite().then(|| Way {
+        next: state.moved(problem.model, &solution.steps, &solution.border),
+        promised,
+        slope: solution.decrement,
+        steps: solution.steps,
+        border: solution.border,
+    })
 }
 
 /// Linearises and eliminates, moment by moment.

@@ -1,0 +1,112 @@
+"""The lower body of a real walking person: seven straps at 100 Hz, standing, sitting for half a minute, walking to and fro."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from imufast.body import JOINTS, BodyStatus, LowerBody, LowerBodySettings, estimate_lower_body
+from imufast.body.bands import angles_deg
+from imufast.body.reading import MCGRATH
+from imufast.calibrate import calibrate_joint
+from imufast.imu import Imu, Recording
+from imufast.quaternion import conjugate, matrix, multiply
+from imufast.track import track
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+SIDES = ("right", "left")
+PLACEMENT = {"pelvis": "hip"} | {
+    f"{segment}_{side}": f"{strap}_{side}"
+    for segment, strap in (("thigh", "upper_leg"), ("shank", "lower_leg"), ("foot", "foot"))
+    for side in SIDES
+}
+WALKING_S = 57.0
+
+
+@pytest.fixture(scope="module")
+def recording(shared_data: Path) -> Recording:
+    z = np.load(shared_data / "lower_body" / "full_body_walk.npz")
+    rate_hz = float(z["rate_hz"])
+    return Recording({name: Imu(z[f"{name}.gyr"], z[f"{name}.acc"], rate_hz=rate_hz, name=name) for name in PLACEMENT.values()})
+
+
+@pytest.fixture(scope="module")
+def body(recording: Recording) -> LowerBody:
+    return estimate_lower_body(recording, PLACEMENT)
+
+
+def test_it_converges_and_determines_every_joint(body: LowerBody) -> None:
+    assert body.status is BodyStatus.CONVERGED
+    assert body.why == ()
+    assert body.iterations <= 20
+    for joint in body.joints.values():
+        assert joint.determined
+        assert float(np.median(joint.heading_std_deg)) < 5.0
+
+
+def test_lengths_are_those_of_a_person(body: LowerBody) -> None:
+    for name, (usual, spread) in {"femur": (0.394, 0.030), "tibia": (0.411, 0.026), "hips": (0.187, 0.009)}.items():
+        for bone, (length, std) in body.lengths_m.items():
+            if bone.startswith(name):
+                assert abs(length - usual) < 2.0 * float(np.hypot(spread, std))
+                assert std < 0.015
+    for name in ("femur", "tibia"):
+        (right, std), (left, _) = body.lengths_m[f"{name}_right"], body.lengths_m[f"{name}_left"]
+        assert abs(right - left) < 2.0 * std
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_knees_are_those_of_two_sensors_alone(recording: Recording, body: LowerBody, side: str) -> None:
+    thigh, shank = f"thigh_{side}", f"shank_{side}"
+    upper, lower = recording[PLACEMENT[thigh]], recording[PLACEMENT[shank]]
+    rel = track(upper, lower, calibrate_joint(upper, lower, joint="hinge"))
+    rows = np.searchsorted(rel.time_s, body.time_s - 1e-9)
+    frames = [matrix(multiply(conjugate(body.q[s]), body.q_segment[s])) @ MCGRATH.T for s in (thigh, shank)]
+    alone = angles_deg("knee", side, np.swapaxes(frames[0], 1, 2) @ matrix(rel.q_12[rows]) @ frames[1])
+    off = body.knee_angles_deg[side] - alone
+    assert float(off[:, 0].std()) < 1.5
+    # The two share their sensors, so they differ by less than either errs.
+    assert (np.abs(off) < 2.0 * body.knee_std_deg[side]).mean() > 0.95
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_knees_look_like_gait(body: LowerBody, side: str) -> None:
+    time, knee, hip = body.time_s, body.knee_angles_deg[side][:, 0], body.hip_angles_deg[side][:, 0]
+    walking = time > WALKING_S
+    assert abs(float(knee[time < 2.0].mean())) < 8.0
+    assert abs(float(knee[(time > 46.0) & (time < 48.0)].mean() - knee[time < 2.0].mean())) < 3.0
+    assert 65.0 < float(knee[(time > 17.0) & (time < 34.0)].mean()) < 100.0
+    assert 50.0 < float(np.percentile(knee[walking], 97.0)) < 80.0
+    assert -10.0 < float(np.percentile(knee[walking], 3.0)) < 12.0
+    # The hip swings by 40 degrees or so, and bends most when the other leg is behind.
+    assert 30.0 < float(np.ptp(np.percentile(hip[walking], [5.0, 95.0]))) < 65.0
+    other = body.hip_angles_deg["left" if side == "right" else "right"][walking, 0]
+    assert float(np.corrcoef(hip[walking], other)[0, 1]) < -0.8
+
+
+def test_both_legs_head_the_same_way(body: LowerBody) -> None:
+    """Whoever walks to and fro has both knees and both feet ahead: pairs of sensors alone let the feet diverge by 30."""
+    walking = body.time_s > WALKING_S
+
+    def heading(segment: str, direction: Array) -> Array:
+        seen = matrix(body.q[segment][walking]) @ direction
+        return np.asarray(np.arctan2(seen[:, 1], seen[:, 0]))
+
+    feet = [heading(f"foot_{side}", -body.joints[f"ankle_{side}"].in_sensors[1]) for side in SIDES]
+    knees = [heading(f"thigh_{side}", body.knee_axis[f"thigh_{side}"]) for side in SIDES]
+    for right, left in (feet, knees):
+        assert abs(np.degrees(np.angle(np.exp(1j * (right - left)).mean()))) < 15.0
+
+
+@pytest.mark.slow
+def test_bands_hold_what_other_spacings_find(recording: Recording, body: LowerBody) -> None:
+    other = estimate_lower_body(recording, PLACEMENT, settings=LowerBodySettings(key_step_s=0.2))
+    assert other.status is BodyStatus.CONVERGED
+    for name, (length, std) in body.lengths_m.items():
+        assert abs(other.lengths_m[name][0] - length) < 2.0 * std
+    for name in JOINTS:
+        for side in (0, 1):
+            moved = other.joints[name].in_sensors[side] - body.joints[name].in_sensors[side]
+            assert float(np.linalg.norm(moved)) < 3.0 * float(body.joints[name].in_sensors_std[side])
