@@ -154,6 +154,18 @@ def test_the_stick_figure_keeps_lengths_and_angles() -> None:
     assert (across[:, 0] > 0.1).all()
 
 
+def test_two_legs_without_a_pelvis_stand_beside_each_other() -> None:
+    body = found()
+    parts: dict[str, Any] = {
+        name: {key: value for key, value in getattr(body, name).items() if not key.startswith(("pelvis", "hip"))}
+        for name in ("q", "q_segment", "joints")
+    }
+    drawn = skeleton(replace(body, **parts))
+    across = drawn.points["hip_right"] - drawn.points["hip_left"]
+    np.testing.assert_allclose(across[:, 0], body.anthropometry.hips_m[0], atol=1e-9)
+    assert drawn.assumed >= {"hip_right", "hip_left"}
+
+
 def test_a_gap_is_no_line_and_no_picture() -> None:
     truth = simulated()
     keep = (truth.time_s < 11.0) | (truth.time_s > 13.0)

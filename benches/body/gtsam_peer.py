@@ -59,7 +59,7 @@ def as_the_peer_integrates(S: Any, gyr: Array, acc: Array) -> tuple[Array, Array
     """Rates and forces (7, N, 3) of which our exact increments are the peer's: then both minimise the same function.
 
     From one moment to the next the peer adds up rotation vectors, `theta += Jr(theta)^-1 w dt` (GTSAM's tangent preintegration,
-    1e-4 rad off over a tenth of a second at 450 deg/s), and turns forces to the beginning of a step, we to its middle.    """
+    1e-4 rad off over a tenth of a second at 450 deg/s), and turns forces to the beginning of a step, we to its middle."""
     moved, count = gyr.copy(), gyr.shape[1]
     for first in range(0, count - 1, S.kf):
         theta = np.zeros((len(gyr), 3))

@@ -83,6 +83,13 @@ def skeleton(body: LowerBody) -> Skeleton:
             points[toe] = points[ankle] + _along(body, foot, [0.0, TOE_M, -SOLE_M])
     legs = [place for name, place in points.items() if name != "lumbar"]
     turned = _facing(body)
+    if "pelvis" not in body.q and all(f"hip_{side}" in points for side in SIDES):
+        # Two legs with nothing between them stand as far apart as hips usually are.
+        half = 0.5 * measures.hips_m[0] * np.stack([*turned, np.zeros(count)], axis=1)
+        for side, sign in (("right", 1.0), ("left", -1.0)):
+            for name in [name for name in points if name.endswith(side)]:
+                points[name] = points[name] + sign * half
+        legs = list(points.values())
     low = np.min([place[:, 2] for place in legs], axis=0)
     for name, place in points.items():
         x, y, z = place.T

@@ -82,7 +82,7 @@ def check_animation_target(path: str | os.PathLike[str], name: str = "path") -> 
     suffix = Path(path).suffix.lower()
     if suffix not in ANIMATION_FORMATS:
         raise InputError(f"{name} {str(path)!r} must end in .gif or .mp4: that says what to draw")
-    check_extra()
+    check_extra("an animation")
     if suffix == ".mp4":
         _ffmpeg()
     return suffix

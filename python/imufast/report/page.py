@@ -19,8 +19,8 @@ LIMITLESS = ("rate_scale", "offset_prior", "lever_std", "undetermined_std")
 """Settings that may be infinite, which plain JSON holds as null."""
 
 
-def check_extra() -> None:
-    """Refuse with advice if matplotlib or jinja2 is missing.
+def check_extra(what: str = "a report") -> None:
+    """Refuse with advice if matplotlib or jinja2 is missing; `what` needs them.
 
     Raises:
         ImufastError: one of them is.
@@ -30,7 +30,7 @@ def check_extra() -> None:
         import matplotlib.figure  # noqa: F401
     except ImportError as missing:
         name = (missing.name or "matplotlib or jinja2").partition(".")[0]
-        raise ImufastError(f"a report needs {name}: pip install 'imufast[report]'") from None
+        raise ImufastError(f"{what} needs {name}: pip install 'imufast[report]'") from None
     del jinja2
 
 
