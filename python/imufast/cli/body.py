@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -188,19 +189,26 @@ def _print(found: LowerBody) -> None:
         angles, std = getattr(found, f"{kind}_angles_deg").get(side), getattr(found, f"{kind}_std_deg").get(side)
         row = [body_words.name_words(name)]
         row += (
-            ["–", "–"] if angles is None else [f"{angles[:, 0].min():.0f} to {angles[:, 0].max():.0f}", f"{_median(std):.2g}"]
+            ["–", "–"]
+            if angles is None
+            else [f"{angles[:, 0].min():.0f} to {angles[:, 0].max():.0f}", _told(_median(std), ".2g")]
         )
-        row += [f"{_median(joint.heading_std_deg[:, None]):.2g}", f"{1e3 * joint.in_sensors_std.max():.3g}"]
+        row += [_told(_median(joint.heading_std_deg[:, None]), ".2g"), _told(1e3 * float(joint.in_sensors_std.max()), ".3g")]
         row += ["known" if joint.determined else f"open: {'; '.join(joint.why)}"]
         table.add_row(*(Text(show.plain(cell.replace("-", "−") if k < 5 else cell)) for k, cell in enumerate(row)))
     show.console().print(table)
     for name, (length, std) in found.lengths_m.items():
         mean, spread = getattr(found.anthropometry, f"{name.partition('_')[0]}_m")
         label = body_words.name_words(name) if name.endswith(SIDES) else "between the hips"
-        said = f"{100 * length:.1f} ± {100 * std:.1f} cm; expected {100 * mean:.1f} ± {100 * spread:.1f}"
+        said = f"{100 * length:.1f} ± {_told(100 * std, '.1f')} cm; expected {100 * mean:.1f} ± {100 * spread:.1f}"
         show.say(f"{label}: {said}")
     for text in body_words.residual_words(found):
         show.say(f"fits badly: {text}")
+
+
+def _told(value: float, form: str) -> str:
+    """A number for people; a question mark where nothing is known."""
+    return format(value, form) if math.isfinite(value) else "?"
 
 
 def _median(std: Any) -> float:
