@@ -353,7 +353,9 @@ def track_filter(
     time_s: NDArray[np.float64] | None,
     plan: dict[str, Any],
 ) -> tuple[_Tracked, int]: ...
-def track_filter_batch(recordings: list[_TimedArrays], plans: list[dict[str, Any]]) -> list[tuple[_Tracked, int]]: ...
+def track_filter_batch(
+    recordings: list[_TimedArrays], plans: list[dict[str, Any]]
+) -> tuple[_Tracked, list[tuple[int, int, int]]]: ...
 
 @final
 class SmootherFit:

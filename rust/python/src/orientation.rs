@@ -376,14 +376,14 @@ type Arrays<'py> = (
 );
 
 /// Many recordings (gyr1, acc1, gyr2, acc2, time_s) with a plan each, side by side; all plans name the method and precision of
-/// the first. As `track_filter`, one after the other.
+/// the first. As `track_filter`, all in one piece: which rows are those of each, and its restarts.
 #[pyfunction]
 pub fn track_filter_batch<'py>(
     py: Python<'py>,
     recordings: Vec<Arrays<'py>>,
     plans: Vec<FilterPlan>,
-) -> PyResult<Vec<(Tracked<'py>, u32)>> {
-    let Some(first) = plans.first() else { return Ok(Vec::new()) };
+) -> PyResult<(Tracked<'py>, Vec<(usize, usize, u32)>)> {
+    let Some(first) = plans.first() else { return Ok((tracked(py, Estimates::default())?, Vec::new())) };
     if plans.len() != recordings.len() {
         return Err(PyValueError::new_err(format!("{} recordings but {} plans", recordings.len(), plans.len())));
     }
@@ -403,5 +403,6 @@ pub fn track_filter_batch<'py>(
         Kind::Mekf => py.detach(|| run_batch::<f64, _>(mekf, &all, &mut go_on)),
         Kind::MekfSingle => py.detach(|| run_batch::<f32, _>(mekf, &all, &mut go_on)),
     };
-    done.ok_or_else(stopped)?.into_iter().map(|(e, restarts)| Ok((tracked(py, e)?, restarts))).collect()
+    let (estimates, done) = done.ok_or_else(stopped)?;
+    Ok((tracked(py, estimates)?, done.into_iter().map(|d| (d.at.start, d.at.end, d.restarts)).collect()))
 }

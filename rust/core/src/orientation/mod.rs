@@ -32,7 +32,7 @@ pub mod smoother;
 pub mod start;
 pub mod state;
 
-pub use batch::{run, run_batch};
+pub use batch::{Done, run, run_batch};
 pub use complementary::Complementary;
 pub use filter::{Estimate, Filter, Settings, Status};
 pub use mekf::{Mekf, Outliers};
