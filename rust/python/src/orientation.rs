@@ -375,6 +375,9 @@ type Arrays<'py> = (
     Option<PyReadonlyArray1<'py, f64>>,
 );
 
+/// Of one of many: its first row, the one after its last, and how often the filter started anew.
+type Part = (usize, usize, u32);
+
 /// Many recordings (gyr1, acc1, gyr2, acc2, time_s) with a plan each, side by side; all plans name the method and precision of
 /// the first. As `track_filter`, all in one piece: which rows are those of each, and its restarts.
 #[pyfunction]
@@ -382,7 +385,7 @@ pub fn track_filter_batch<'py>(
     py: Python<'py>,
     recordings: Vec<Arrays<'py>>,
     plans: Vec<FilterPlan>,
-) -> PyResult<(Tracked<'py>, Vec<(usize, usize, u32)>)> {
+) -> PyResult<(Tracked<'py>, Vec<Part>)> {
     let Some(first) = plans.first() else { return Ok((tracked(py, Estimates::default())?, Vec::new())) };
     if plans.len() != recordings.len() {
         return Err(PyValueError::new_err(format!("{} recordings but {} plans", recordings.len(), plans.len())));

@@ -11,8 +11,7 @@
 //! products 14, `Rᵀa1` 14, gradient with heading gain 20, its length 12, division and root 36, step 10: about 105, 27 ns at
 //! 3.85 GHz, and a sixth of that for what is done side by side. The Kalman filter's, through both 2×2 inverses, has about 150.
 //! Both take about twice as long, since the core looks ahead no farther than one sample's instructions. Eight
-//! recordings are bound by instructions, not latency, and by the first touch of the memory of the results;
-//! `benches/orientation.py` measures.
+//! recordings are bound by instructions, not latency; `benches/orientation.py` measures.
 
 use alloc::vec::Vec;
 
