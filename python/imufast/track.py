@@ -84,6 +84,11 @@ class RelativeOrientation(ReadOnly):
         why: what the reader should know, one sentence each.
         link_std: scale of the residuals of the link constraint, m/s²; smoother only.
         drift_std: what the errors of both gyroscopes add up to, rad/√s; smoother only.
+        link_time_s: (K,) when the link was compared, s; smoother only.
+        link_squares: (K,) the square of its residual over `link_std`, three channels together; smoother only. Where the model
+            holds they are three times F(3, tail) distributed.
+        link_trust: what a link counts for as information, 0 to 1: less where neighbouring residuals are alike or many are
+            large; smoother only.
         iterations: of the smoother.
     """
 
@@ -100,6 +105,9 @@ class RelativeOrientation(ReadOnly):
     why: tuple[str, ...] = ()
     link_std: float | None = None
     drift_std: float | None = None
+    link_time_s: Array | None = field(default=None, repr=False)
+    link_squares: Array | None = field(default=None, repr=False)
+    link_trust: float | None = None
     iterations: int = 0
 
     def __len__(self) -> int:
@@ -280,6 +288,9 @@ def _smooth(imu1: Imu, imu2: Imu, calibration: JointCalibration | None, settings
         why=why,
         link_std=fit.link_std,
         drift_std=fit.drift_std,
+        link_time_s=imu1.time_s[fit.link_samples],
+        link_squares=fit.link_squares,
+        link_trust=fit.trust,
         iterations=fit.iterations,
     )
 

@@ -5,8 +5,8 @@ use std::sync::{Mutex, MutexGuard};
 use imufast_core::{
     PairSample, Xyz,
     orientation::{
-        Complementary, Estimates, Filter as Core, Joint, Mekf, Noise, Outliers, Settings, Signals, Status, method::Method, run,
-        run_batch,
+        Complementary, Estimates, Filter as Core, Innovations, Joint, Mekf, Noise, Outliers, Settings, Signals, Status,
+        innovations, method::Method, run, run_batch,
     },
 };
 use numpy::{
@@ -299,9 +299,8 @@ impl OrientationFilter {
     }
 }
 
-fn rows(py: Python<'_>, quaternions: Vec<[f64; 4]>) -> PyResult<Bound<'_, PyArray2<f64>>> {
-    let count = quaternions.len();
-    let array = Array2::from_shape_vec((count, 4), quaternions.into_flattened());
+fn rows<const N: usize>(py: Python<'_>, rows: Vec<[f64; N]>) -> PyResult<Bound<'_, PyArray2<f64>>> {
+    let array = Array2::from_shape_vec((rows.len(), N), rows.into_flattened());
     Ok(array.map_err(|e| PyValueError::new_err(e.to_string()))?.into_pyarray(py))
 }
 
@@ -351,6 +350,36 @@ pub fn track_filter<'py>(
     };
     let (estimates, restarts) = done.ok_or_else(stopped)?;
     Ok((tracked(py, estimates)?, restarts))
+}
+
+/// What a filter did not foresee of a recording: innovations (N, 3), m/s² in the frame of sensor 2, and their normalised squares
+/// (N,); NaN where none was used.
+#[pyfunction]
+pub fn filter_innovations<'py>(
+    py: Python<'py>,
+    gyr1: PyReadonlyArray2<'py, f64>,
+    acc1: PyReadonlyArray2<'py, f64>,
+    gyr2: PyReadonlyArray2<'py, f64>,
+    acc2: PyReadonlyArray2<'py, f64>,
+    time_s: PyReadonlyArray1<'py, f64>,
+    plan: FilterPlan,
+) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>)> {
+    let xyz = pair([&gyr1, &acc1, &gyr2, &acc2])?;
+    let [first, ..] = xyz;
+    let signals = Signals { xyz, time_s: Some(vector(&time_s, first.len(), "time_s")?) };
+    check(&signals)?;
+    let settings = plan.settings()?;
+    let (complementary, mekf) = (plan.complementary(), plan.mekf()?);
+    let mut go_on = || Python::attach(|py| py.check_signals()).is_ok();
+    let kind = plan.kind()?;
+    let done = py.detach(|| match kind {
+        Kind::Complementary => innovations::<f64, _>(&settings, complementary, &signals, &mut go_on),
+        Kind::ComplementarySingle => innovations::<f32, _>(&settings, complementary, &signals, &mut go_on),
+        Kind::Mekf => innovations::<f64, _>(&settings, mekf, &signals, &mut go_on),
+        Kind::MekfSingle => innovations::<f32, _>(&settings, mekf, &signals, &mut go_on),
+    });
+    let Innovations { innovation, nis } = done.ok_or_else(stopped)?;
+    Ok((rows(py, innovation)?, nis.into_pyarray(py)))
 }
 
 /// What a filter would pass over in silence is an error here.

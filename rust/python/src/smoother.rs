@@ -35,6 +35,9 @@ pub struct SmootherFit {
     drift_std: f64,
     /// What a link counts for as information, of what its curvature says.
     trust: f64,
+    /// (K,) sample of every link there is, and (K,) the square of its residual over its scale.
+    link_samples: Py<PyArray1<usize>>,
+    link_squares: Py<PyArray1<f64>>,
 }
 
 /// The relative orientation that is most probable over a whole recording. `prior_mean` (18,) and `prior_precision` (18, 18)
@@ -87,6 +90,7 @@ pub fn smooth_orientation(
     if smoothed.status == Status::Interrupted {
         return Err(PyKeyboardInterrupt::new_err("stopped while smoothing the relative orientation"));
     }
+    let (link_samples, link_squares): (Vec<_>, Vec<_>) = smoothed.link_squares.iter().copied().unzip();
     Ok(SmootherFit {
         q_12: rows(py, smoothed.q_12)?,
         covariance: rows(py, smoothed.covariance)?,
@@ -98,6 +102,8 @@ pub fn smooth_orientation(
         link_std: smoothed.noise.link_std,
         drift_std: smoothed.noise.drift_std,
         trust: smoothed.noise.trust,
+        link_samples: link_samples.into_pyarray(py).unbind(),
+        link_squares: link_squares.into_pyarray(py).unbind(),
     })
 }
 

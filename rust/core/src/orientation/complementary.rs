@@ -7,8 +7,11 @@
 use serde::{Deserialize, Serialize};
 
 use super::{
-    algebra::{Quat, Vec3, add, cross, dot, first_order, inverted, mul, nearly_unit, normalize, rotate_back, scale, sub},
-    lane::Lane,
+    algebra::{
+        Quat, Sym3, Vec3, add, add_diagonal, cross, dot, first_order, inverted, mul, nearly_unit, normalize, rotate_back,
+        scale, sub,
+    },
+    lane::{Lane, Real},
     method::{Method, Tuning},
     state::{Moment, State, share},
 };
@@ -203,6 +206,14 @@ impl Method for Complementary {
     #[inline(always)]
     fn variance<L: Lane>(&self, s: &State<L>) -> L {
         s.p[0] + s.p[0] + s.p[1] + s.leaning.variance
+    }
+
+    fn covariance<T: Real>(&self, s: &State<T>) -> Sym3<f64> {
+        let [x, y, z] = s.up.map(T::to_f64);
+        let [tilt, heading] = [s.p[0].to_f64(), s.p[1].to_f64()];
+        let along = (heading - tilt) / (x * x + y * y + z * z).max(1e-12);
+        let whole = tilt + s.leaning.variance.to_f64() / 3.0;
+        add_diagonal(&[along * x * x, along * x * y, along * x * z, along * y * y, along * y * z, along * z * z], whole)
     }
 
     fn widen<L: Lane>(&self, s: &mut State<L>, variance: L) {

@@ -26,6 +26,8 @@ pub struct Smoothed {
     pub constants_covariance: Border,
     /// What the noise was found to be.
     pub noise: Noise,
+    /// Of every link its sample and `‖e‖²/σ²`, which are 3·F(3, ν) distributed where the model holds.
+    pub link_squares: Vec<(usize, f64)>,
     /// Why the descent ended.
     pub status: Status,
     /// Gauss–Newton iterations.

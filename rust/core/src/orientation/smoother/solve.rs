@@ -265,9 +265,21 @@ impl<'a> Descent<'a> {
             constants: self.state.x,
             constants_covariance: eliminated.map_or(Border::from_diagonal_element(f64::INFINITY), |e| e.border),
             noise: self.noise,
+            link_squares: self.link_squares(),
             status,
             iterations,
         }
+    }
+
+    /// Of every link its sample and the square of its residual over the scale of the noise.
+    fn link_squares(&self) -> Vec<(usize, f64)> {
+        let variance = self.noise.link_std * self.noise.link_std;
+        let problem = self.problem();
+        let linked = self.keys.iter().filter(|key| key.share > 0.0);
+        linked
+            .zip(problem.links(&self.state))
+            .map(|(key, (e, share))| (key.sample, e.norm_squared() * share / variance))
+            .collect()
     }
 }
 
