@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imufast import _core
+from imufast.errors import InputError
 from imufast.filters import plan
 from imufast.imu import Imu
 from imufast.smoother import Smoother
@@ -90,9 +91,14 @@ def innovations_plain(rel: RelativeOrientation, pair: tuple[Imu, Imu] | None) ->
 
 def normalised_squares(rel: RelativeOrientation, imu1: Imu, imu2: Imu) -> tuple[Array, Array]:
     """Innovations of a filter (N, 3), m/s² in the frame of sensor 2, and their normalised squares (N,): `eᵀ S⁻¹ e` with
-    `e = R̂ᵀ a1 − a2`, `S = H P Hᵀ + σ² I`, `H = −[a2×]`. NaN where none was used: in starts, after gaps, where packets were lost.
+    `e = R̂ᵀ a1 − a2`, `S = H P Hᵀ + σ² I`, `H = −[a2×]`. NaN where none was used: in starts, after gaps, where packets were
+    lost.
+
+    Raises:
+        InputError: of the smoother, which has none.
     """
-    assert not isinstance(rel.method, Smoother)
+    if isinstance(rel.method, Smoother):
+        raise InputError("rel is of the smoother, which has no innovations; give what a filter tracked")
     start, std_deg = None, 2.0
     if not rel.starts_s and len(rel) and 0.0 < float(rel.angle_std_deg[0]) <= 180.0:
         start, std_deg = rel.q_12[0], float(rel.angle_std_deg[0])  # it was given

@@ -50,7 +50,9 @@ def orientation_timeline(report: dict[str, Any]) -> str | None:
     panels[-1].tick_params(labelbottom=True)
     panels[-1].set_xlim(0.0, clock.stop)
     panels[-1].set_xlabel(f"time since the start of the recording, {clock.name}", fontsize=FONT, color=DARK)
-    return inline_svg(figure, "o", "Relative orientation, its standard deviation, residual, observability and innovations over time")
+    return inline_svg(
+        figure, "o", "Relative orientation, standard deviation, residual, observability and innovations over time"
+    )
 
 
 def histogram_picture(report: dict[str, Any]) -> str | None:

@@ -352,6 +352,9 @@ pub fn track_filter<'py>(
     Ok((tracked(py, estimates)?, restarts))
 }
 
+/// Innovations (N, 3) and their normalised squares (N,).
+type Foreseen<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
+
 /// What a filter did not foresee of a recording: innovations (N, 3), m/s² in the frame of sensor 2, and their normalised squares
 /// (N,); NaN where none was used.
 #[pyfunction]
@@ -363,7 +366,7 @@ pub fn filter_innovations<'py>(
     acc2: PyReadonlyArray2<'py, f64>,
     time_s: PyReadonlyArray1<'py, f64>,
     plan: FilterPlan,
-) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>)> {
+) -> PyResult<Foreseen<'py>> {
     let xyz = pair([&gyr1, &acc1, &gyr2, &acc2])?;
     let [first, ..] = xyz;
     let signals = Signals { xyz, time_s: Some(vector(&time_s, first.len(), "time_s")?) };
