@@ -23,6 +23,8 @@ pub struct SmootherFit {
     q_12: Py<PyArray2<f64>>,
     /// (N, 6): xx, yy, zz, xy, xz, yz of the error's covariance in sensor frame 2, rad²; infinite where unsolved.
     covariance: Py<PyArray2<f64>>,
+    /// The same if the constants were known.
+    covariance_known: Py<PyArray2<f64>>,
     /// (18,)
     constants: Py<PyArray1<f64>>,
     /// (18, 18)
@@ -94,6 +96,7 @@ pub fn smooth_orientation(
     Ok(SmootherFit {
         q_12: rows(py, smoothed.q_12)?,
         covariance: rows(py, smoothed.covariance)?,
+        covariance_known: rows(py, smoothed.covariance_known)?,
         constants: smoothed.constants.as_slice().to_vec().into_pyarray(py).unbind(),
         // Symmetric: by columns is by rows.
         constants_covariance: rows(py, <[[f64; CONSTANTS]; CONSTANTS]>::from(smoothed.constants_covariance).to_vec())?,

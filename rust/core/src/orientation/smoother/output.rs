@@ -20,6 +20,8 @@ pub struct Smoothed {
     /// Covariance of the error of `q_12` at every sample, perturbed on the right (in sensor frame 2), rad²: xx, yy, zz, xy,
     /// xz, yz. Infinite where the problem could not be solved.
     pub covariance: Vec<[f64; 6]>,
+    /// The same if the constants were known.
+    pub covariance_known: Vec<[f64; 6]>,
     /// The constants; see [`super::residual`].
     pub constants: Constants,
     /// Their covariance.
