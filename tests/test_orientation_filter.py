@@ -66,7 +66,7 @@ def test_cutting_and_saving_change_nothing(settings: Any) -> None:
         (
             Complementary(),
             {
-                "beta": 1.0, "beta_extra": 1.0, "heading_gain": 1.0, "soft_angle": 0.3, "drift_limit": 0.1, "bias_gain": 0.5,
+                "beta": 0.001, "beta_extra": 1.0, "heading_gain": 1.0, "soft_angle": 0.3, "drift_limit": 0.1, "bias_gain": 0.5,
                 "literal": True,
             },
         ),

@@ -6,6 +6,7 @@ import math
 import pickle
 from dataclasses import FrozenInstanceError, fields
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -215,12 +216,76 @@ def test_long_gaps_leave_pieces_that_share_the_joint(pieces: int) -> None:
     assert apart_deg(found.q_12, sim.q_12).max() < 2.0
 
 
-@pytest.mark.xfail(strict=True, reason="bug: MAX_ITERATIONS: with a resting piece behind a break 97 to 159 are needed")
-def test_a_piece_that_shows_nothing_is_vague_and_the_rest_is_not() -> None:
-    sim = simulate_ball_joint(("random", "stationary"), duration_s=15.0, transition_s=4.0, seed=6)
+@pytest.mark.parametrize("seed", [1, 2, 3, 6])
+def test_a_piece_that_shows_nothing_is_vague_and_the_rest_is_not(seed: int) -> None:
+    sim = simulate_ball_joint(("random", "stationary", "random"), duration_s=15.0, transition_s=4.0, seed=seed)
     found = track(sim.imu1, sim.imu2)
     resting = sim.part == 1
     assert found.status is TrackStatus.TRACKED
     assert found.angle_std_deg[~resting].max() < 2.0
     assert found.angle_std_deg[resting].min() > 60.0
     honest(found, sim.q_12)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 6])
+def test_a_piece_that_shows_nothing_does_not_keep_the_search_from_ending(seed: int) -> None:
+    sim = simulate_ball_joint(("random", "stationary"), duration_s=15.0, transition_s=4.0, seed=seed)
+    found = track(sim.imu1, sim.imu2)
+    # As long as the moving piece, so that most of it may be unknown.
+    assert found.status in (TrackStatus.TRACKED, TrackStatus.NOT_OBSERVABLE)
+    assert found.iterations < 60
+    assert found.angle_std_deg[sim.part == 0].max() < 2.0
+    honest(found, sim.q_12)
+
+
+def test_parts_of_a_recording_that_agree_change_little() -> None:
+    ratios = []
+    for seed in range(6):
+        sim = simulate_ball_joint(seed=seed, duration_s=40.0)
+        found = track(sim.imu1, sim.imu2)
+        assert found.parts_ratio is not None
+        ratios.append(found.parts_ratio)
+        assert track(sim.imu1, sim.imu2, known()).parts_ratio is None
+    assert min(ratios) >= 1.0
+    assert np.median(ratios) < 2.0
+    assert track(ball().imu1[:900], ball().imu2[:900]).parts_ratio is None
+
+
+def test_parts_that_disagree_about_the_joint_are_counted() -> None:
+    # The strap of sensor 2 slips by 3 cm in the middle: no rigid joint explains it.
+    sim = ball(5, 60.0)
+    lever = np.array([0.03, 0.0, 0.0])
+    turning = np.gradient(sim.gyr2, sim.time_s, axis=0)
+    moved = np.cross(turning, lever) + np.cross(sim.gyr2, np.cross(sim.gyr2, lever))
+    slipped = Imu(sim.gyr2, sim.acc2 + moved * (sim.time_s > 30.0)[:, None], 100.0)
+    steady, loose = track(sim.imu1, sim.imu2), track(sim.imu1, slipped)
+    assert loose.parts_ratio is not None
+    assert loose.parts_ratio > 10.0
+    assert np.median(loose.angle_std_deg) > 2.0 * np.median(steady.angle_std_deg)
+    assert steady.calibration.center is not None
+    assert loose.calibration.center is not None
+    assert (loose.calibration.center.determined_std > 3.0 * steady.calibration.center.determined_std).all()
+    assert loose.covariance is not None
+    trace = np.trace(np.asarray(loose.covariance), axis1=1, axis2=2)
+    np.testing.assert_allclose(np.degrees(np.sqrt(trace)), np.asarray(loose.angle_std_deg), rtol=1e-9)
+    honest(loose, sim.q_12)
+
+
+@pytest.mark.filterwarnings("ignore::imufast.ImufastWarning")
+@pytest.mark.parametrize("limbs", [("upper_leg_left", "lower_leg_left"), ("upper_leg_right", "lower_leg_right")])
+def test_windows_of_a_walking_person_differ_by_no_more_than_is_stated(shared_data: Path, limbs: tuple[str, str]) -> None:
+    path = shared_data / "lower_body" / "full_body_walk.npz"
+    if not path.is_file():
+        pytest.skip(f"the real recording {path.name} is missing (set IMUFAST_DATA)")
+    with np.load(path) as z:
+        one, two = (Imu(np.array(z[f"{limb}.gyr"], float), np.array(z[f"{limb}.acc"], float), 100.0) for limb in limbs)
+    whole = track(one, two)
+    shares = []
+    for start in (0, 2500, 5000):
+        window = slice(start, start + 4000)
+        found = track(one[window], two[window])
+        stated = np.hypot(found.angle_std_deg, whole.angle_std_deg[window])
+        shares.append(np.sqrt(np.mean((apart_deg(whole.q_12[window], found.q_12) / stated) ** 2)))
+    # Measured: 0.3 to 1.3; without `parts_ratio` 0.6 to 4.4.
+    assert np.sqrt(np.mean(np.square(shares))) < 1.4
+    assert max(shares) < 2.0

@@ -191,13 +191,25 @@ def test_what_is_tracked_is_known_to_better_than_a_quarter_turn(method: str) -> 
         assert found.status is not TrackStatus.TRACKED or np.median(found.angle_std_deg) < 90.0
 
 
-@pytest.mark.xfail(
-    strict=True, reason="bug: of 0.4 s without a calibration the smoother is 164 deg off (10.6 sigma; seeds 2, 4)"
-)
-@pytest.mark.parametrize("seed", [2, 4])
-def test_very_short_recordings_smooth_honestly(seed: int) -> None:
-    sim = ball(seed)
-    honest(track(sim.imu1[:40], sim.imu2[:40]), sim.q_12[:40], 5.0)
+@pytest.mark.parametrize("rows", [25, 40, 60, 80, 90])
+def test_of_less_than_a_second_the_smoother_says_nothing_without_a_calibration(rows: int) -> None:
+    for seed in range(6):
+        sim = ball(seed)
+        found = track(sim.imu1[:rows], sim.imu2[:rows])
+        sound(found, sim.imu1[:rows])
+        assert found.status is TrackStatus.NOT_OBSERVABLE
+        assert "too short" in found.why[0]
+        assert found.angle_std_deg.min() > 100.0
+        honest(found, sim.q_12[:rows], 2.0)
+        assert "too short" not in " ".join(track(sim.imu1[:rows], sim.imu2[:rows], known(seed)).why)
+
+
+@pytest.mark.parametrize("rows", [100, 150, 200, 300])
+def test_recordings_of_seconds_are_smoothed_honestly(rows: int) -> None:
+    # Measured: 1.6 to 2.6. Where the constants' share of the residuals is not counted: 13.9, 5.3, 3.2 and 2.8.
+    for seed in range(12):
+        sim = ball(seed)
+        honest(track(sim.imu1[:rows], sim.imu2[:rows]), sim.q_12[:rows], 3.0)
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -20,6 +20,7 @@ __all__ = [
     "angular_deviation",
     "build_profile",
     "condition",
+    "filter_innovations",
     "fit_center",
     "fit_center_linear",
     "hinge_axis",
@@ -353,7 +354,17 @@ def track_filter(
     time_s: NDArray[np.float64] | None,
     plan: dict[str, Any],
 ) -> tuple[_Tracked, int]: ...
-def track_filter_batch(recordings: list[_TimedArrays], plans: list[dict[str, Any]]) -> list[tuple[_Tracked, int]]: ...
+def track_filter_batch(
+    recordings: list[_TimedArrays], plans: list[dict[str, Any]]
+) -> tuple[_Tracked, list[tuple[int, int, int]]]: ...
+def filter_innovations(
+    gyr1: NDArray[np.float64],
+    acc1: NDArray[np.float64],
+    gyr2: NDArray[np.float64],
+    acc2: NDArray[np.float64],
+    time_s: NDArray[np.float64],
+    plan: dict[str, Any],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
 
 @final
 class SmootherFit:
@@ -361,6 +372,8 @@ class SmootherFit:
     def q_12(self) -> NDArray[np.float64]: ...
     @property
     def covariance(self) -> NDArray[np.float64]: ...
+    @property
+    def covariance_known(self) -> NDArray[np.float64]: ...
     @property
     def constants(self) -> NDArray[np.float64]: ...
     @property
@@ -375,6 +388,10 @@ class SmootherFit:
     def drift_std(self) -> float: ...
     @property
     def trust(self) -> float: ...
+    @property
+    def link_samples(self) -> NDArray[np.uint64]: ...
+    @property
+    def link_squares(self) -> NDArray[np.float64]: ...
 
 def smooth_orientation(
     gyr1: NDArray[np.float64],

@@ -93,9 +93,9 @@ class Complementary(FilterSettings):
             them. Default 8; 1 is the paper's.
         soft_angle: angle between the two accelerations at which the normalised step has 0.7 of its size, rad: below it noise
             rules. Default 0.01; 0 is the paper's.
-        drift_limit: the correction is at most so many times as fast as √3 standard deviations of the drift that it undoes (the
-            paper has √3 σ of the gyroscopes): where there is hardly any, noise would turn it about. Default 1.5; 0: as fast as
-            `beta` says, as published.
+        drift_limit: the correction is at most as fast as √3 standard deviations of the drift that it undoes, as in the paper;
+            of what grows with motion (scale and cross-axis errors, biases) so many times these, for it is known less well than
+            the gyroscopes' noise. Default 1.5; 0: as fast as `beta` says, as published.
         bias_gain: feedback of the correction to the gyroscope biases, 1/s. Default 0: none.
         literal: the gradient at the previous orientation and the first-order step of eq. 5b, as published. Default False.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations, pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from imufast.calibration import JointCalibration
     from imufast.imu import Imu
 
-__all__ = ["Smoother", "run_smoother"]
+__all__ = ["Smoother", "parts_ratio", "relative_bias_std", "run_smoother"]
 
 Array = NDArray[np.float64]
 
@@ -137,6 +138,40 @@ def run_smoother(imu1: Imu, imu2: Imu, calibration: JointCalibration | None, set
         settings.gyr_bias_rest_std,
         settings.max_iterations,
     )
+
+
+MOST_PARTS, PART_S = 4, 5.0
+"""A recording is held against itself in so many parts, of at least so long, s."""
+
+
+def parts_ratio(imu1: Imu, imu2: Imu, settings: Smoother) -> float | None:
+    """How many times as far, squared, parts of a recording are apart in joint centre and accelerometer biases as they say, at
+    least 1 (the square of the Birge ratio); None where it is too short for two parts, or fewer than two can be smoothed.
+
+    Soft tissue errs alike wherever the motion is alike, so residuals do not tell how far it turns the estimate; what another
+    stretch of the same recording makes of the same joint does. With the covariances Σ of two parts, their common prior Λ and
+    the difference d, the model expects of `dᵀ(Σ₁ + Σ₂)⁻¹d` the trace of `(Σ₁ + Σ₂)⁻¹D`, where
+    `D = Σ₁ − Σ₁ΛΣ₁ + Σ₂ − Σ₂ΛΣ₂ + (Σ₁ − Σ₂)Λ(Σ₁ − Σ₂)`; the ratio is over all pairs of parts.
+    """
+    parts = min(MOST_PARTS, int(imu1.duration_s / PART_S))
+    if parts < 2:
+        return None
+    edges = [round(k * len(imu1) / parts) for k in range(parts + 1)]
+    cuts = [slice(start, stop) for start, stop in pairwise(edges)]
+    fits = [run_smoother(imu1[cut], imu2[cut], None, settings) for cut in cuts]
+    prior = settings.prior(None)[1][:12, :12]
+    found = [
+        (fit.constants[:12], fit.constants_covariance[:12, :12])
+        for fit in fits
+        if fit.status not in ("NUMERICAL_ERROR", "NOT_OBSERVABLE") and bool(np.isfinite(fit.constants_covariance).all())
+    ]
+    squared, expected = 0.0, 0.0
+    for (one, first), (other, second) in combinations(found, 2):
+        apart, unlike = one - other, first - second
+        own = first - first @ prior @ first + second - second @ prior @ second + unlike @ prior @ unlike
+        squared += float(apart @ np.linalg.solve(first + second, apart))
+        expected += float(np.trace(np.linalg.solve(first + second, own)))
+    return max(squared / expected, 1.0) if expected > 0.0 else None
 
 
 def relative_bias_std(q_12: Array, covariance: Array) -> float:

@@ -20,7 +20,7 @@ from imufast.filters import Complementary, Mekf, plan
 from imufast.imu import Imu
 from imufast.pairs import check_pair
 from imufast.samples import ReadOnly
-from imufast.smoother import Smoother, relative_bias_std, run_smoother
+from imufast.smoother import Smoother, parts_ratio, relative_bias_std, run_smoother
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -40,6 +40,8 @@ VAGUE_DEG = 20.0
 """An orientation less certain than this for most of the time was not observable, degrees."""
 UNKNOWN_DEG = 104.0
 """Standard deviation of an angle of which nothing is known, degrees: uniform in ±180."""
+LEAST_WINDOWS = 5
+"""Fifteen unknowns, an orientation, two lever arms and two accelerometer biases, take five comparisons of three channels."""
 CONTRADICTED_S = 20.0
 """A filter that follows for less than this from one start to the next, gaps aside, s, follows nothing."""
 STARTING, TRACKING, COASTING = 0, 1, 2
@@ -84,6 +86,13 @@ class RelativeOrientation(ReadOnly):
         why: what the reader should know, one sentence each.
         link_std: scale of the residuals of the link constraint, m/s²; smoother only.
         drift_std: what the errors of both gyroscopes add up to, rad/√s; smoother only.
+        link_time_s: (K,) when the link was compared, s; smoother only.
+        link_squares: (K,) the square of its residual over `link_std`, three channels together; smoother only. Where the model
+            holds they are three times F(3, tail) distributed.
+        parts_ratio: how many times as far, squared, parts of the recording are apart in centre and biases as noise explains, at
+            least 1; what these leave uncertain of `covariance` is widened by it. Smoother without a calibration only.
+        link_trust: what a link counts for as information, 0 to 1: less where neighbouring residuals are alike or many are
+            large; smoother only.
         iterations: of the smoother.
     """
 
@@ -100,6 +109,10 @@ class RelativeOrientation(ReadOnly):
     why: tuple[str, ...] = ()
     link_std: float | None = None
     drift_std: float | None = None
+    link_time_s: Array | None = field(default=None, repr=False)
+    link_squares: Array | None = field(default=None, repr=False)
+    link_trust: float | None = None
+    parts_ratio: float | None = None
     iterations: int = 0
 
     def __len__(self) -> int:
@@ -159,7 +172,7 @@ def track_many(
     pairs: Sequence[tuple[Imu, Imu]], calibrations: Sequence[JointCalibration], method: str | Method = "mekf"
 ) -> list[RelativeOrientation]:
     """`track` with a filter for many recordings or joints, side by side in the lanes of the processor: the same bits as one by
-    one, in less time.
+    one, in less time. Their results share one piece of memory, which is freed with the last of them.
 
     Args:
         pairs: the two sensors of each joint; side by side as long as they are sampled evenly.
@@ -186,10 +199,10 @@ def track_many(
             _smooth(imu1, imu2, calibration, settings) for (imu1, imu2), calibration in zip(pairs, calibrations, strict=True)
         ]
     plans = [plan(settings, calibration, imu1.rate_hz) for (imu1, _), calibration in zip(pairs, calibrations, strict=True)]
-    tracked = _core.track_filter_batch([(a.gyr, a.acc, b.gyr, b.acc, a.time_s) for a, b in pairs], plans)
+    (q, std, states), parts = _core.track_filter_batch([(a.gyr, a.acc, b.gyr, b.acc, a.time_s) for a, b in pairs], plans)
     return [
-        _filtered(imu1, *result, restarts, calibration, settings)
-        for (imu1, _), calibration, (result, restarts) in zip(pairs, calibrations, tracked, strict=True)
+        _filtered(imu1, q[since:to], std[since:to], states[since:to], restarts, calibration, settings)
+        for (imu1, _), calibration, (since, to, restarts) in zip(pairs, calibrations, parts, strict=True)
     ]
 
 
@@ -262,26 +275,52 @@ def _starts(time_s: Array, states: NDArray[np.uint8]) -> tuple[tuple[float, floa
 def _smooth(imu1: Imu, imu2: Imu, calibration: JointCalibration | None, settings: Smoother) -> RelativeOrientation:
     fit = run_smoother(imu1, imu2, calibration, settings)
     status = TrackStatus.TRACKED if fit.status == "CONVERGED" else TrackStatus(fit.status)
-    covariance = fit.covariance[:, [0, 3, 4, 3, 1, 5, 4, 5, 2]].reshape(-1, 3, 3)
+    alone = calibration is None or calibration.center is None
+    ended = status not in (TrackStatus.NUMERICAL_ERROR, TrackStatus.NOT_OBSERVABLE)
+    ratio = parts_ratio(imu1, imu2, settings) if alone and ended else None
+    covariance = fit.covariance
+    if ratio is not None and bool(np.isfinite(covariance).all()):
+        covariance = fit.covariance_known + ratio * (covariance - fit.covariance_known)
+    covariance = covariance[:, [0, 3, 4, 3, 1, 5, 4, 5, 2]].reshape(-1, 3, 3)
+    short = alone and _covered(fit, settings) < LEAST_WINDOWS
+    if short:
+        # So few comparisons are fitted whatever the orientation is, and their residuals say nothing of it.
+        covariance = covariance + np.eye(3) * math.radians(UNKNOWN_DEG) ** 2
     variance = np.trace(covariance, axis1=1, axis2=2)
     # Beyond half a turn an angle says no more.
     std_deg = np.minimum(np.degrees(np.sqrt(np.maximum(variance, 0.0))), 180.0)
-    if status is TrackStatus.TRACKED and float(np.median(std_deg)) > VAGUE_DEG:
+    if status is not TrackStatus.NUMERICAL_ERROR and (
+        short or (status is TrackStatus.TRACKED and float(np.median(std_deg)) > VAGUE_DEG)
+    ):
         status = TrackStatus.NOT_OBSERVABLE
     why = () if status is TrackStatus.TRACKED else (WHY.get(status, str(status)),)
+    if short and status is TrackStatus.NOT_OBSERVABLE:
+        why = (
+            f"too short: without a calibration joint centre and biases take {LEAST_WINDOWS} windows of {settings.window_s:g} s",
+        )
     return RelativeOrientation(
         time_s=imu1.time_s,
         q_12=_continuous(fit.q_12),
         angle_std_deg=std_deg,
         status=status,
-        calibration=_refined(calibration, fit),
+        calibration=_refined(calibration, fit, ratio or 1.0),
         method=settings,
         covariance=covariance,
         why=why,
         link_std=fit.link_std,
         drift_std=fit.drift_std,
+        link_time_s=imu1.time_s[fit.link_samples],
+        link_squares=fit.link_squares,
+        link_trust=fit.trust,
+        parts_ratio=ratio,
         iterations=fit.iterations,
     )
+
+
+def _covered(fit: _core.SmootherFit, settings: Smoother) -> float:
+    """How many windows side by side the comparisons of the link cover."""
+    more = max(len(fit.link_samples) - 1, 0) * min(settings.key_step_s / settings.window_s, 1.0)
+    return more + (1.0 if len(fit.link_samples) else 0.0)
 
 
 WHY = {
@@ -292,10 +331,10 @@ WHY = {
 }
 
 
-def _refined(calibration: JointCalibration | None, fit: _core.SmootherFit) -> JointCalibration:
-    """The calibration with centre and biases as the smoother found them."""
+def _refined(calibration: JointCalibration | None, fit: _core.SmootherFit, ratio: float) -> JointCalibration:
+    """The calibration with centre and biases as the smoother found them; their variances count `ratio` times."""
     known = calibration or JointCalibration()
-    x, covariance = fit.constants, fit.constants_covariance
+    x, covariance = fit.constants, ratio * fit.constants_covariance
     if not (np.isfinite(x).all() and np.isfinite(covariance).all()):
         return known
     undetermined = np.zeros((0, 6)) if known.center is None else known.center.undetermined

@@ -191,6 +191,12 @@ class Tally:
         rmse = float(np.sqrt((values[:, 1] ** 2).mean()))
         return float(values[:, 0].mean()), float(values[:, 0].std()), rmse, len(values)
 
+    def difference(self, name: str, other: str, condition: int) -> tuple[float, float]:
+        """Mean and standard error of the difference of mean θ, run by run, degrees."""
+        mine = np.concatenate(self.errors[name])[:, condition, 0]
+        apart = mine - np.concatenate(self.errors[other])[: len(mine), condition, 0]
+        return float(apart.mean()), float(apart.std(ddof=1) / np.sqrt(len(apart))) if len(apart) > 1 else float("inf")
+
     def claimed(self, name: str, condition: int) -> float | None:
         """Stated over actual RMSE."""
         if name not in self.stds:
@@ -288,16 +294,16 @@ def verdicts(tally: Tally) -> list[str]:
     said.append(
         "Growth of θ by outliers, middle and highest soft tissue, beside the paper's (in brackets): " + "; ".join(effects) + "."
     )
-    best = [min(mean[f"literal {f}"][k] for f in FILTERS) for k in range(len(CONDITIONS))]
     for name in (n for n in mean if n.startswith("default")):
-        theirs = mean["literal Algorithm 1"] if "complementary" in name else best
+        rivals = FILTERS[:1] if "complementary" in name else FILTERS
         whom = "Algorithm 1" if "complementary" in name else "the best literal filter"
-        worse = [
-            f"{title} ({mean[name][k]:.3f}° to {theirs[k]:.3f}°)"
-            for k, title in enumerate(CONDITIONS)
-            if mean[name][k] > theirs[k]
-        ]
-        said.append(f"{name} against {whom}: " + ("better in every row." if not worse else f"worse in {', '.join(worse)}."))
+        rows = []
+        for k, title in enumerate(CONDITIONS):
+            rival = min((f"literal {f}" for f in rivals), key=lambda rival: mean[rival][k])
+            off, error = tally.difference(name, rival, k)
+            verdict = "a tie" if abs(off) < 2.0 * error else "better" if off < 0.0 else "worse"
+            rows.append(f"{title} {off:+.3f} ± {error:.3f} ({verdict})")
+        said.append(f"{name} less {whom}, °, mean and standard error of the differences run by run: {', '.join(rows)}.")
     return said
 
 

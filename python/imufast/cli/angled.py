@@ -25,7 +25,7 @@ from imufast.report import angle_content as words
 from imufast.report import check_figure_target, joint_words
 from imufast.track import RelativeOrientation
 
-__all__ = ["AngleOptions", "angle_options", "exit_code", "find", "found", "no_axis"]
+__all__ = ["AngleOptions", "angle_options", "exit_code", "find", "found", "no_axis", "no_axis_code"]
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 NOT_ENOUGH, NOT_FINISHED = 3, 4
@@ -208,11 +208,14 @@ def found(angles: JointAngles) -> None:
         say(f"note: {reason}")
 
 
-def no_axis(rel: RelativeOrientation) -> int:
-    """Say that there are no angles; the exit code."""
-    verdict = joint_words.state_name(rel.calibration)
+def no_axis(rel: RelativeOrientation) -> None:
+    """Say that there are no angles."""
     say("No joint angles: the calibration has no hinge axis", "bold yellow")
-    say(f"its verdict: {verdict}. Nothing that needs angles was written.")
+    say(f"its verdict: {joint_words.state_name(rel.calibration)}. Nothing that needs angles was written.")
+
+
+def no_axis_code(rel: RelativeOrientation) -> int:
+    """3 there is no hinge axis yet, 4 the joint is no hinge."""
     known = rel.calibration.verdict
     return NOT_ENOUGH if known in (Verdict.NOT_ENOUGH_INFORMATION, Verdict.MOUNTING_CHANGED) else NOT_FINISHED
 

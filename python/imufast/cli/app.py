@@ -21,7 +21,7 @@ from imufast.cli import result as print_result
 from imufast.cli.angled import AngleOptions, angle_options
 from imufast.cli.body import body
 from imufast.cli.outputs import Outputs, check_outputs, write, write_tracked
-from imufast.cli.reading import guard, offset_of, read_files, reading_options
+from imufast.cli.reading import guard, offset_of, read_files, reading_options, told_after
 from imufast.errors import ImufastError, InputError
 from imufast.imu import Imu, Recording
 from imufast.report import words
@@ -118,8 +118,8 @@ def calibrate(
             show.warning(late)
         with show.waiting(f"Calibrating on {words.duration(imu1.duration_s)} of motion", files):
             result = calibrate_joint(imu1, imu2, joint, hinge_settings=settings)
-        print_result.calibration(result, imu1, imu2)
-        write(result, (imu1, imu2), outputs, None, warned)
+        with told_after(lambda: print_result.calibration(result, imu1, imu2)) as written:
+            write(result, (imu1, imu2), outputs, None, warned, written)
     raise SystemExit(print_result.exit_code(result))
 
 
@@ -183,16 +183,23 @@ def track(
         with show.waiting(f"Tracking {words.duration(imu1.duration_s)} of motion", files):
             given = calibrate_joint(imu1, imu2) if known is None else known
             rel = track_pair(imu1, imu2, given, method)
-        tracked.orientation(rel, imu1, imu2, None if calibration_path is None else str(calibration_path))
         code, angles = tracked.exit_code(rel), None
-        if asked.angles and rel.calibration.axis is None:
-            code = max(code, angled.no_axis(rel))
-        elif asked.angles:
-            angles, rel = angled.find(rel, imu1, imu2, asked)
-            angled.found(angles)
-            code = max(code, angled.exit_code(angles))
-        write_tracked(rel, angles, asked, outputs)
-        write(rel, (imu1, imu2), outputs, None, warned, angles)
+
+        def tell() -> None:
+            tracked.orientation(rel, imu1, imu2, None if calibration_path is None else str(calibration_path))
+            if asked.angles and rel.calibration.axis is None:
+                angled.no_axis(rel)
+            if angles is not None:
+                angled.found(angles)
+
+        with told_after(tell) as written:
+            if asked.angles and rel.calibration.axis is None:
+                code = max(code, angled.no_axis_code(rel))
+            elif asked.angles:
+                angles, rel = angled.find(rel, imu1, imu2, asked)
+                code = max(code, angled.exit_code(angles))
+            write_tracked(rel, angles, asked, outputs, written)
+            write(rel, (imu1, imu2), outputs, None, warned, written, angles)
     raise SystemExit(code)
 
 
@@ -220,20 +227,24 @@ def demo(report_path: Path | None) -> None:
         # What the gyroscopes and accelerometers of a good sensor show: half a degree a second, a fiftieth of gravity.
         biases = random_biases(seed=1, gyr_rad_s=math.radians(0.5), acc_m_s2=0.2)
         simulation = simulate_hinge(duration_s=60.0, rate_hz=100.0, seed=1, **biases)
-        truth.demo_intro(simulation)
-        show.recording(simulation.recording)
-        show.offset(offset_of(simulation.imu1, simulation.imu2), *simulation.recording)
-        show.say()
         started = time.perf_counter()
         result = calibrate_joint(simulation.imu1, simulation.imu2)
         took_s = time.perf_counter() - started
-        print_result.calibration(result, simulation.imu1, simulation.imu2)
-        truth.beside_truth(result, simulation, took_s)
-        truth.tracking_beside_truth(track_pair(simulation.imu1, simulation.imu2, result), simulation)
-        if without:
-            show.say(f"No report: {without}")
-        else:
-            write(result, simulation.recording.pair(), outputs, "Demo: a simulated hinge", warned)
+
+        def tell() -> None:
+            truth.demo_intro(simulation)
+            show.recording(simulation.recording)
+            show.offset(offset_of(simulation.imu1, simulation.imu2), *simulation.recording)
+            show.say()
+            print_result.calibration(result, simulation.imu1, simulation.imu2)
+            truth.beside_truth(result, simulation, took_s)
+            truth.tracking_beside_truth(track_pair(simulation.imu1, simulation.imu2, result), simulation)
+            if without:
+                show.say(f"No report: {without}")
+
+        with told_after(tell) as written:
+            if not without:
+                write(result, simulation.recording.pair(), outputs, "Demo: a simulated hinge", warned, written)
 
 
 def _choose(recording: Recording, names: tuple[str, str] | None) -> tuple[Imu, Imu]:

@@ -16,7 +16,7 @@ from imufast.body.layout import JOINTS, SIDES
 from imufast.body.placement import read_placement
 from imufast.cli import show
 from imufast.cli.outputs import Outputs, check_outputs
-from imufast.cli.reading import guard, offset_of, read_files, reading_options
+from imufast.cli.reading import guard, offset_of, read_files, reading_options, told_after
 from imufast.errors import InputError
 from imufast.imu import Recording
 from imufast.io import write_angles
@@ -122,8 +122,8 @@ def body(
                     f"Lower body on {duration} of motion: iteration {number}, cost {cost:.6g}, promised fall {promised:.3g}"
                 ),
             )
-        _print(found)
-        _write(found, recording, outputs, columns, shown, warned)
+        with told_after(lambda: _print(found)) as written:
+            _write(found, recording, outputs, columns, shown, warned, written)
     raise SystemExit(_exit_code(found))
 
 
@@ -223,18 +223,19 @@ def _write(
     columns: dict[str, str] | None,
     span: tuple[float, float] | None,
     warned: list[str],
+    written: list[str],
 ) -> None:
-    """Angles, numbers, report and animation, and say where they are."""
+    """Angles, numbers, report and animation; `written` gets a line on each."""
     if outputs.out is not None:
         write_angles(found, outputs.out, names=columns)
-        show.say(f"angles: {outputs.out}")
+        written.append(f"angles: {outputs.out}")
     if outputs.json is not None:
         write_json(found, outputs.json, recording=recording, warnings=warned)
-        show.say(f"numbers: {outputs.json}")
+        written.append(f"numbers: {outputs.json}")
     if outputs.report is not None:
         with show.working("Drawing the report"):
             write_report(found, outputs.report, recording=recording, warnings=warned)
-        show.say(f"report: {outputs.report}")
+        written.append(f"report: {outputs.report}")
     if outputs.animate is not None:
         with show.working("Drawing the animation") as tell:
             write_animation(
@@ -243,4 +244,4 @@ def _write(
                 span_s=span,
                 progress=lambda done, all_: tell(f"Drawing the animation: {done} of {all_} pictures"),
             )
-        show.say(f"animation: {outputs.animate}")
+        written.append(f"animation: {outputs.animate}")

@@ -53,21 +53,23 @@ def check_outputs(
         check_extra()
 
 
-def write_tracked(rel: RelativeOrientation, angles: JointAngles | None, asked: AngleOptions, outputs: Outputs) -> None:
-    """What `track` writes beside report and numbers."""
+def write_tracked(
+    rel: RelativeOrientation, angles: JointAngles | None, asked: AngleOptions, outputs: Outputs, written: list[str]
+) -> None:
+    """What `track` writes beside report and numbers; what was written, and where, is added to `written`."""
     if outputs.out is not None and angles is not None:
         write_angles(angles, outputs.out, names=asked.columns())
-        show.say(f"angles: {outputs.out}")
+        written.append(f"angles: {outputs.out}")
     elif outputs.out is not None and not asked.angles:
         names = asked.columns()
         write_orientation(rel, outputs.out, **({} if names is None else {"names": names}))
-        show.say(f"orientations: {outputs.out}")
+        written.append(f"orientations: {outputs.out}")
     if outputs.figure is not None and angles is not None:
         write_figure(angles, outputs.figure)
-        show.say(f"figure: {outputs.figure}")
+        written.append(f"figure: {outputs.figure}")
     if outputs.save is not None:
         rel.calibration.save(outputs.save)
-        show.say(f"calibration: {outputs.save}")
+        written.append(f"calibration: {outputs.save}")
 
 
 def write(
@@ -76,16 +78,20 @@ def write(
     outputs: Outputs,
     title: str | None,
     warned: Sequence[str],
+    written: list[str],
     angles: JointAngles | None = None,
 ) -> None:
-    """Calibration, numbers and report, and say where they are."""
+    """Calibration, numbers and report; what was written, and where, is added to `written`.
+
+    Files come before words: whoever reads these may stop after the first line (`| head -1`), and the command ends there.
+    """
     if outputs.save is not None and isinstance(result, JointCalibration):
         result.save(outputs.save)
-        show.say(f"calibration: {outputs.save}")
+        written.append(f"calibration: {outputs.save}")
     if outputs.json is not None:
         write_json(result, outputs.json, recording=pair, title=title, warnings=warned, angles=angles)
-        show.say(f"numbers: {outputs.json}")
+        written.append(f"numbers: {outputs.json}")
     if outputs.report is not None:
         with show.working("Drawing the report"):
             write_report(result, outputs.report, recording=pair, title=title, warnings=warned, angles=angles)
-        show.say(f"report: {outputs.report}")
+        written.append(f"report: {outputs.report}")

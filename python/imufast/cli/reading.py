@@ -17,7 +17,7 @@ from imufast.imu import Imu, Recording
 from imufast.io import format_names, read
 from imufast.sync import TimeOffset, time_offset
 
-__all__ = ["WRONG_INPUT", "guard", "offset_of", "read_files", "reading_options"]
+__all__ = ["WRONG_INPUT", "guard", "offset_of", "read_files", "reading_options", "told_after"]
 
 WRONG_INPUT = 2
 
@@ -52,6 +52,19 @@ def guard() -> Iterator[list[str]]:
         except ImufastError as error:
             show.error(str(error))
             raise SystemExit(WRONG_INPUT) from None
+
+
+@contextmanager
+def told_after(tell: Callable[[], None]) -> Iterator[list[str]]:
+    """Files are written before words are: a reader who stops after the first line takes none of them away. What was found is
+    told even where writing fails."""
+    written: list[str] = []
+    try:
+        yield written
+    finally:
+        tell()
+        for line in written:
+            show.say(line)
 
 
 def reading_options(command: Command) -> Command:

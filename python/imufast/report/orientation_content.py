@@ -14,6 +14,7 @@ from imufast.errors import InputError
 from imufast.hinge_angle import hinge_turn
 from imufast.imu import GAP_STEPS, Imu
 from imufast.report import orientation_words as words
+from imufast.report.innovations import innovations_plain
 from imufast.report.link import heading_plain, residual_plain
 from imufast.report.thin import kept_samples, longest_spans
 from imufast.track import VAGUE_DEG, RelativeOrientation
@@ -63,6 +64,7 @@ def orientation_plain(
         "stop_s": float(rel.time_s[-1]) if len(rel) else None,
         "curve": _curve(rel, most) if sound else None,
         "residual": residual,
+        "innovations": innovations_plain(rel, pair) if sound else None,
         "heading": heading_plain(rel, pair[0], spread) if pair and sound else None,
         "link_std_m_s2": rel.link_std,
         "drift_std_rad_sqrt_s": rel.drift_std,

@@ -24,7 +24,8 @@ LEAST_M_S2 = 0.005
 
 
 def orientation_timeline(report: dict[str, Any]) -> str | None:
-    """Angle with its band, standard deviation, residual and what shows the heading, one below the other; None without curve."""
+    """Angle with its band, standard deviation, residual, what shows the heading and innovations, one below the other; None
+    without curve."""
     if report["curve"] is None:
         return None
     clock = clock_of(report)
@@ -33,6 +34,8 @@ def orientation_timeline(report: dict[str, Any]) -> str | None:
         drawn.append(("C", 1.3, _residual))
     if report["heading"] is not None:
         drawn.append(("D", 1.3, _heading))
+    if report["innovations"] is not None:
+        drawn.append(("E", 1.3, _innovations))
     heights = [height for _, height, _ in drawn]
     size = 0.75 + 1.27 * sum(heights)
     figure = Figure(figsize=(WIDTH_IN, size), facecolor="none")
@@ -47,7 +50,9 @@ def orientation_timeline(report: dict[str, Any]) -> str | None:
     panels[-1].tick_params(labelbottom=True)
     panels[-1].set_xlim(0.0, clock.stop)
     panels[-1].set_xlabel(f"time since the start of the recording, {clock.name}", fontsize=FONT, color=DARK)
-    return inline_svg(figure, "o", "Relative orientation, its standard deviation, residual and observability over time")
+    return inline_svg(
+        figure, "o", "Relative orientation, standard deviation, residual, observability and innovations over time"
+    )
 
 
 def histogram_picture(report: dict[str, Any]) -> str | None:
@@ -62,7 +67,7 @@ def histogram_picture(report: dict[str, Any]) -> str | None:
     figure = Figure(figsize=(WIDTH_IN, 2.1), facecolor="none")
     panel: Axes = figure.add_axes((0.085, 0.23, 0.9, 0.64))
     _frame(panel)
-    _title(panel, "E  Residual of the link: histogram of its channels")
+    _title(panel, "F  Residual of the link: histogram of its channels")
     panel.stairs(density, edges, fill=True, color=SKY, alpha=0.6, label="found")
     grid = np.linspace(edges[0], edges[-1], 241)
     normal = np.exp(-0.5 * (grid / std) ** 2) / (std * np.sqrt(2.0 * np.pi))
@@ -149,6 +154,21 @@ def _heading(panel: Axes, report: dict[str, Any], clock: Clock, letter: str) -> 
         _aside(panel, needed, f"shows it to {heading['needed_for_deg']:g}°")
     _decades(panel, bottom, top)
     panel.set_ylabel("m/s²", fontsize=FONT, color=DARK)
+
+
+def _innovations(panel: Axes, report: dict[str, Any], clock: Clock, letter: str) -> None:
+    health = report["innovations"]
+    what = "Residuals of the link" if health["kind"] == "residual" else "Innovations"
+    over = f"mean over {health['over_s']:.2g} s"
+    _title(panel, f"{letter}  {what}, squared and normalised: as large as they are stated to be? ({over})")
+    panel.set_yscale("log")
+    values = np.maximum(np.array(health["mean_over_time"], dtype=np.float64), 0.1 * health["nominal"])
+    alone = np.isfinite(values).sum() < 3
+    panel.plot(clock(health["time_s"]), values, "o-" if alone else "-", color=BLUE, linewidth=1.2, markersize=4)
+    panel.axhline(health["nominal"], color=VERMILLION, linewidth=1.0, linestyle="--", zorder=1)
+    _aside(panel, health["nominal"], f"as stated: {health['nominal']:g}")
+    known = values[np.isfinite(values)]
+    _decades(panel, min(float(known.min()), health["nominal"]), max(float(known.max()), health["nominal"]))
 
 
 def _with_breaks(values: Any, report: dict[str, Any]) -> Array:

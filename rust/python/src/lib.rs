@@ -23,7 +23,7 @@ mod _core {
     #[pymodule_export]
     use super::hinge::{HingeFit, angular_deviation, hinge_axis, hinge_residuals};
     #[pymodule_export]
-    use super::orientation::{OrientationFilter, track_filter, track_filter_batch};
+    use super::orientation::{OrientationFilter, filter_innovations, track_filter, track_filter_batch};
     #[pymodule_export]
     use super::select::select_samples;
     #[pymodule_export]

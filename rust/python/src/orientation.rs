@@ -5,8 +5,8 @@ use std::sync::{Mutex, MutexGuard};
 use imufast_core::{
     PairSample, Xyz,
     orientation::{
-        Complementary, Estimates, Filter as Core, Joint, Mekf, Noise, Outliers, Settings, Signals, Status, method::Method, run,
-        run_batch,
+        Complementary, Estimates, Filter as Core, Innovations, Joint, Mekf, Noise, Outliers, Settings, Signals, Status,
+        innovations, method::Method, run, run_batch,
     },
 };
 use numpy::{
@@ -299,9 +299,8 @@ impl OrientationFilter {
     }
 }
 
-fn rows(py: Python<'_>, quaternions: Vec<[f64; 4]>) -> PyResult<Bound<'_, PyArray2<f64>>> {
-    let count = quaternions.len();
-    let array = Array2::from_shape_vec((count, 4), quaternions.into_flattened());
+fn rows<const N: usize>(py: Python<'_>, rows: Vec<[f64; N]>) -> PyResult<Bound<'_, PyArray2<f64>>> {
+    let array = Array2::from_shape_vec((rows.len(), N), rows.into_flattened());
     Ok(array.map_err(|e| PyValueError::new_err(e.to_string()))?.into_pyarray(py))
 }
 
@@ -353,6 +352,39 @@ pub fn track_filter<'py>(
     Ok((tracked(py, estimates)?, restarts))
 }
 
+/// Innovations (N, 3) and their normalised squares (N,).
+type Foreseen<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
+
+/// What a filter did not foresee of a recording: innovations (N, 3), m/s² in the frame of sensor 2, and their normalised squares
+/// (N,); NaN where none was used.
+#[pyfunction]
+pub fn filter_innovations<'py>(
+    py: Python<'py>,
+    gyr1: PyReadonlyArray2<'py, f64>,
+    acc1: PyReadonlyArray2<'py, f64>,
+    gyr2: PyReadonlyArray2<'py, f64>,
+    acc2: PyReadonlyArray2<'py, f64>,
+    time_s: PyReadonlyArray1<'py, f64>,
+    plan: FilterPlan,
+) -> PyResult<Foreseen<'py>> {
+    let xyz = pair([&gyr1, &acc1, &gyr2, &acc2])?;
+    let [first, ..] = xyz;
+    let signals = Signals { xyz, time_s: Some(vector(&time_s, first.len(), "time_s")?) };
+    check(&signals)?;
+    let settings = plan.settings()?;
+    let (complementary, mekf) = (plan.complementary(), plan.mekf()?);
+    let mut go_on = || Python::attach(|py| py.check_signals()).is_ok();
+    let kind = plan.kind()?;
+    let done = py.detach(|| match kind {
+        Kind::Complementary => innovations::<f64, _>(&settings, complementary, &signals, &mut go_on),
+        Kind::ComplementarySingle => innovations::<f32, _>(&settings, complementary, &signals, &mut go_on),
+        Kind::Mekf => innovations::<f64, _>(&settings, mekf, &signals, &mut go_on),
+        Kind::MekfSingle => innovations::<f32, _>(&settings, mekf, &signals, &mut go_on),
+    });
+    let Innovations { innovation, nis } = done.ok_or_else(stopped)?;
+    Ok((rows(py, innovation)?, nis.into_pyarray(py)))
+}
+
 /// What a filter would pass over in silence is an error here.
 fn check(signals: &Signals<'_>) -> PyResult<()> {
     for (name, rows) in ["gyr1", "acc1", "gyr2", "acc2"].iter().zip(signals.xyz) {
@@ -375,15 +407,18 @@ type Arrays<'py> = (
     Option<PyReadonlyArray1<'py, f64>>,
 );
 
+/// Of one of many: its first row, the one after its last, and how often the filter started anew.
+type Part = (usize, usize, u32);
+
 /// Many recordings (gyr1, acc1, gyr2, acc2, time_s) with a plan each, side by side; all plans name the method and precision of
-/// the first. As `track_filter`, one after the other.
+/// the first. As `track_filter`, all in one piece: which rows are those of each, and its restarts.
 #[pyfunction]
 pub fn track_filter_batch<'py>(
     py: Python<'py>,
     recordings: Vec<Arrays<'py>>,
     plans: Vec<FilterPlan>,
-) -> PyResult<Vec<(Tracked<'py>, u32)>> {
-    let Some(first) = plans.first() else { return Ok(Vec::new()) };
+) -> PyResult<(Tracked<'py>, Vec<Part>)> {
+    let Some(first) = plans.first() else { return Ok((tracked(py, Estimates::default())?, Vec::new())) };
     if plans.len() != recordings.len() {
         return Err(PyValueError::new_err(format!("{} recordings but {} plans", recordings.len(), plans.len())));
     }
@@ -403,5 +438,6 @@ pub fn track_filter_batch<'py>(
         Kind::Mekf => py.detach(|| run_batch::<f64, _>(mekf, &all, &mut go_on)),
         Kind::MekfSingle => py.detach(|| run_batch::<f32, _>(mekf, &all, &mut go_on)),
     };
-    done.ok_or_else(stopped)?.into_iter().map(|(e, restarts)| Ok((tracked(py, e)?, restarts))).collect()
+    let (estimates, done) = done.ok_or_else(stopped)?;
+    Ok((tracked(py, estimates)?, done.into_iter().map(|d| (d.at.start, d.at.end, d.restarts)).collect()))
 }

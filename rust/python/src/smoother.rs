@@ -23,6 +23,8 @@ pub struct SmootherFit {
     q_12: Py<PyArray2<f64>>,
     /// (N, 6): xx, yy, zz, xy, xz, yz of the error's covariance in sensor frame 2, rad²; infinite where unsolved.
     covariance: Py<PyArray2<f64>>,
+    /// The same if the constants were known.
+    covariance_known: Py<PyArray2<f64>>,
     /// (18,)
     constants: Py<PyArray1<f64>>,
     /// (18, 18)
@@ -35,6 +37,9 @@ pub struct SmootherFit {
     drift_std: f64,
     /// What a link counts for as information, of what its curvature says.
     trust: f64,
+    /// (K,) sample of every link there is, and (K,) the square of its residual over its scale.
+    link_samples: Py<PyArray1<usize>>,
+    link_squares: Py<PyArray1<f64>>,
 }
 
 /// The relative orientation that is most probable over a whole recording. `prior_mean` (18,) and `prior_precision` (18, 18)
@@ -87,9 +92,11 @@ pub fn smooth_orientation(
     if smoothed.status == Status::Interrupted {
         return Err(PyKeyboardInterrupt::new_err("stopped while smoothing the relative orientation"));
     }
+    let (link_samples, link_squares): (Vec<_>, Vec<_>) = smoothed.link_squares.iter().copied().unzip();
     Ok(SmootherFit {
         q_12: rows(py, smoothed.q_12)?,
         covariance: rows(py, smoothed.covariance)?,
+        covariance_known: rows(py, smoothed.covariance_known)?,
         constants: smoothed.constants.as_slice().to_vec().into_pyarray(py).unbind(),
         // Symmetric: by columns is by rows.
         constants_covariance: rows(py, <[[f64; CONSTANTS]; CONSTANTS]>::from(smoothed.constants_covariance).to_vec())?,
@@ -98,6 +105,8 @@ pub fn smooth_orientation(
         link_std: smoothed.noise.link_std,
         drift_std: smoothed.noise.drift_std,
         trust: smoothed.noise.trust,
+        link_samples: link_samples.into_pyarray(py).unbind(),
+        link_squares: link_squares.into_pyarray(py).unbind(),
     })
 }
 

@@ -49,8 +49,8 @@ pub fn mul<L: Lane>(a: Quat<L>, b: Quat<L>) -> Quat<L> {
 #[inline(always)]
 pub fn rotate_back<L: Lane>(q: Quat<L>, v: Vec3<L>) -> Vec3<L> {
     let u = [q[1], q[2], q[3]];
-    let t = cross(v, u);
-    let t = add(t, t);
+    // Twice v, not twice the product: the same bits, and v is often known before q.
+    let t = cross(add(v, v), u);
     add(add(v, scale(t, q[0])), cross(t, u))
 }
 

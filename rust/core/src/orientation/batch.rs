@@ -1,6 +1,7 @@
 //! Whole recordings, one or many: sample by sample where something happens, eight side by side where all is even.
 
-use alloc::{vec, vec::Vec};
+use alloc::vec::Vec;
+use core::ops::Range;
 
 use super::{
     eight::EIGHT,
@@ -8,7 +9,7 @@ use super::{
     lane::Real,
     method::Method,
     pack::{Room, together},
-    run::{Estimates, Signals, finish},
+    run::{Estimates, Page, Signals, finish},
 };
 
 /// A recording on its way.
@@ -18,13 +19,12 @@ pub(super) struct Passenger<'a, T, M> {
     pub signals: Signals<'a>,
     /// Samples read so far.
     pub position: usize,
-    pub estimates: Estimates,
+    pub page: Page<'a>,
 }
 
 impl<'a, T: Real, M: Method> Passenger<'a, T, M> {
-    fn new(number: usize, settings: &Settings, method: M, signals: Signals<'a>) -> Self {
-        let estimates = Estimates::with_capacity(signals.len());
-        Self { number, filter: Filter::new(*settings, method), signals, position: 0, estimates }
+    fn new(number: usize, settings: &Settings, method: M, signals: Signals<'a>, page: Page<'a>) -> Self {
+        Self { number, filter: Filter::new(*settings, method), signals, position: 0, page }
     }
 
     /// Goes on alone, by one sample at least, until the next one may be one of many alike; says whether there is anything left.
@@ -32,14 +32,14 @@ impl<'a, T: Real, M: Method> Passenger<'a, T, M> {
         let count = self.signals.len();
         while self.position < count {
             let time = self.signals.time(self.position, self.filter.settings().rate_hz);
-            let Self { filter, signals, estimates, position, .. } = self;
-            filter.push_into(time, &signals.sample(*position), &mut |_, e| estimates.push(e));
+            let Self { filter, signals, page, position, .. } = self;
+            filter.push_into(time, &signals.sample(*position), &mut |_, e| page.push(e));
             self.position += 1;
             if !to_the_end && self.may_join() {
                 return true;
             }
         }
-        finish(&mut self.filter, &self.signals, &mut self.estimates);
+        finish(&mut self.filter, &self.signals, &mut self.page);
         false
     }
 
@@ -77,11 +77,13 @@ pub fn run<T: Real, M: Method>(
     signals: &Signals<'_>,
     keep_going: &mut impl FnMut() -> bool,
 ) -> Option<(Estimates, Filter<T, M>)> {
-    let mut one = [Passenger::new(0, settings, method, *signals)];
+    let mut estimates = Estimates::of_size(signals.len());
+    let mut one = [Passenger::new(0, settings, method, *signals, estimates.page())];
     let mut room = Room::new();
     while keep_going() {
         if !one[0].go_alone(false) {
-            let [Passenger { filter, estimates, .. }] = one;
+            let [Passenger { filter, page: Page { filled, .. }, .. }] = one;
+            estimates.truncate(filled);
             return Some((estimates, filter));
         }
         let steps = one[0].left().min(ROUND);
@@ -90,24 +92,41 @@ pub fn run<T: Real, M: Method>(
     None
 }
 
+/// One recording of a batch.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Done {
+    /// Where its estimates are.
+    pub at: Range<usize>,
+    /// How often its filter started anew.
+    pub restarts: u32,
+}
+
 /// Runs the same filter over many recordings; those of one settings' stencil go side by side, where nothing is going on in any
-/// of them. Each gets the bits that [`run`] gives it, and how often its filter started anew. None if `keep_going`, asked every few ten thousand samples, says no.
+/// of them. Each gets the bits that [`run`] gives it. The estimates of all are in one piece. None if `keep_going`, asked every few
+/// ten thousand samples, says no.
 pub fn run_batch<T: Real, M: Method>(
     method: M,
     recordings: &[(Settings, Signals<'_>)],
     keep_going: &mut impl FnMut() -> bool,
-) -> Option<Vec<(Estimates, u32)>> {
-    let mut results = vec![(Estimates::default(), 0); recordings.len()];
+) -> Option<(Estimates, Vec<Done>)> {
+    let mut done = Vec::with_capacity(recordings.len());
+    let mut total = 0;
+    for (_, signals) in recordings {
+        done.push(Done { at: total..total, restarts: 0 });
+        total += signals.len();
+    }
+    let mut estimates = Estimates::of_size(total);
+    let mut pages = estimates.page();
     let mut waiting = recordings.iter().enumerate();
     let mut room = Room::new();
     let mut lanes: Vec<Passenger<'_, T, M>> = Vec::with_capacity(EIGHT);
     loop {
         while lanes.len() < EIGHT {
             let Some((number, (settings, signals))) = waiting.next() else { break };
-            lanes.push(Passenger::new(number, settings, method, *signals));
+            lanes.push(Passenger::new(number, settings, method, *signals, pages.take(signals.len())));
         }
         if lanes.is_empty() {
-            return Some(results);
+            return Some((estimates, done));
         }
         if !keep_going() {
             return None;
@@ -115,7 +134,8 @@ pub fn run_batch<T: Real, M: Method>(
         lanes.retain_mut(|lane| {
             let more = lane.go_alone(false);
             if !more {
-                results[lane.number] = (core::mem::take(&mut lane.estimates), lane.filter.restarts());
+                let Done { at, restarts } = &mut done[lane.number];
+                (at.end, *restarts) = (at.start + lane.page.filled, lane.filter.restarts());
             }
             more
         });

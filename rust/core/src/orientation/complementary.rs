@@ -7,8 +7,11 @@
 use serde::{Deserialize, Serialize};
 
 use super::{
-    algebra::{Quat, Vec3, add, cross, dot, first_order, inverted, mul, nearly_unit, normalize, rotate_back, scale, sub},
-    lane::Lane,
+    algebra::{
+        Quat, Sym3, Vec3, add, add_diagonal, cross, dot, first_order, inverted, mul, nearly_unit, normalize, rotate_back,
+        scale, sub,
+    },
+    lane::{Lane, Real},
     method::{Method, Tuning},
     state::{Moment, State, share},
 };
@@ -28,8 +31,9 @@ pub struct Complementary {
     /// Angle between the two accelerations at which the normalised step has 0.7 of its size, rad: below it noise rules. 0: as
     /// published.
     pub soft_angle: f64,
-    /// The correction is at most so many times as fast as √3 standard deviations of the drift that it undoes (eq. 12 has √3 σ of the
-    /// gyroscopes): where there is hardly any, noise would turn it about. 0: as fast as β says, as published.
+    /// The correction is at most as fast as √3 standard deviations of the drift that it undoes (eq. 12 has √3 σ of the
+    /// gyroscopes), where what grows with motion counts so many times: where there is hardly any drift, noise would turn it
+    /// about. 0: as fast as β says, as published.
     pub drift_limit: f64,
     /// Feedback of the correction to the gyroscope biases, 1/s. 0: none.
     pub bias_gain: f64,
@@ -112,8 +116,8 @@ impl Complementary {
         let beta = L::splat(self.beta);
         let mut speed2 = beta * beta * L::splat(2.0);
         if self.drift_limit > 0.0 {
-            let drift2 = s.diffusion * m.per_dt + t.bias_var;
-            speed2 = speed2.at_most(drift2 * L::splat(3.0 * self.drift_limit * self.drift_limit));
+            let bias_var = t.bias_var * L::splat(self.drift_limit * self.drift_limit);
+            speed2 = speed2.at_most((s.diffusion * m.per_dt + bias_var) * L::splat(3.0));
         }
         speed2 = speed2 + s.boost * (beta + beta + s.boost) * L::splat(2.0);
         Correction { direction, square, over: speed2 * plain, under: (plain + level) * square.at_least(tiny) }
@@ -146,7 +150,9 @@ impl Method for Complementary {
             m = Moment::new([m.dt, m.per_dt], turns, [m.acc1, m.acc2]);
         }
         let spread = t.process(L::splat(1.0), &m);
-        s.diffusion = s.diffusion + (spread * m.per_dt - s.diffusion) * share(m.dt, DIFFUSION_S);
+        // White noise is known, and counts as in eq. 12; of what grows with motion the limit allows for more.
+        let allowed = t.process(L::splat(self.drift_limit), &m);
+        s.diffusion = s.diffusion + (allowed * m.per_dt - s.diffusion) * share(m.dt, DIFFUSION_S);
         s.p[0] = s.p[0] + spread;
         s.p[1] = s.p[1] + spread;
         let mut step = L::splat(0.0);
@@ -203,6 +209,14 @@ impl Method for Complementary {
     #[inline(always)]
     fn variance<L: Lane>(&self, s: &State<L>) -> L {
         s.p[0] + s.p[0] + s.p[1] + s.leaning.variance
+    }
+
+    fn covariance<T: Real>(&self, s: &State<T>) -> Sym3<f64> {
+        let [x, y, z] = s.up.map(T::to_f64);
+        let [tilt, heading] = [s.p[0].to_f64(), s.p[1].to_f64()];
+        let along = (heading - tilt) / (x * x + y * y + z * z).max(1e-12);
+        let whole = tilt + s.leaning.variance.to_f64() / 3.0;
+        add_diagonal(&[along * x * x, along * x * y, along * x * z, along * y * y, along * y * z, along * z * z], whole)
     }
 
     fn widen<L: Lane>(&self, s: &mut State<L>, variance: L) {

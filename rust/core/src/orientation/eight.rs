@@ -13,6 +13,8 @@ pub trait Eight<T>: Lane {
     fn load(from: &[T; EIGHT]) -> Self;
     /// To memory.
     fn store(self, to: &mut [T; EIGHT]);
+    /// Number `j` of row `k` becomes number `k` of row `j`.
+    fn transposed(rows: [Self; EIGHT]) -> [Self; EIGHT];
 }
 
 /// Eight numbers on any machine.
@@ -83,6 +85,16 @@ impl<T: Real> Eight<T> for Array<T> {
     fn store(self, to: &mut [T; EIGHT]) {
         *to = self.0;
     }
+    #[inline(always)]
+    fn transposed(rows: [Self; EIGHT]) -> [Self; EIGHT] {
+        let mut columns = rows;
+        for (k, row) in rows.iter().enumerate() {
+            for (column, x) in columns.iter_mut().zip(row.0) {
+                column.0[k] = x;
+            }
+        }
+        columns
+    }
 }
 
 /// Eight numbers in the registers of x86-64. Only code that runs after the processor was asked for their width may use them.
@@ -137,6 +149,67 @@ pub mod registers {
     #[inline]
     fn above256_singles(x: __m256, limit: __m256) -> bool {
         _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(x, limit)) != 0
+    }
+
+    /// 8×8: pairs of numbers, then pairs of pairs, then halves change places.
+    #[target_feature(enable = "avx512f")]
+    #[inline]
+    fn transposed512(rows: [Doubles512; EIGHT]) -> [Doubles512; EIGHT] {
+        let mut columns = rows;
+        for odd in 0..2 {
+            let mut pairs = [rows[0].0[0]; 4];
+            for (k, pair) in pairs.iter_mut().enumerate() {
+                let (a, b) = (rows[2 * k].0[0], rows[2 * k + 1].0[0]);
+                *pair = if odd == 0 { _mm512_unpacklo_pd(a, b) } else { _mm512_unpackhi_pd(a, b) };
+            }
+            let [ab, cd, ef, gh] = pairs;
+            let (near, far) = (_mm512_shuffle_f64x2::<0x88>(ab, cd), _mm512_shuffle_f64x2::<0x88>(ef, gh));
+            columns[odd].0 = [_mm512_shuffle_f64x2::<0x88>(near, far)];
+            columns[odd + 4].0 = [_mm512_shuffle_f64x2::<0xdd>(near, far)];
+            let (near, far) = (_mm512_shuffle_f64x2::<0xdd>(ab, cd), _mm512_shuffle_f64x2::<0xdd>(ef, gh));
+            columns[odd + 2].0 = [_mm512_shuffle_f64x2::<0x88>(near, far)];
+            columns[odd + 6].0 = [_mm512_shuffle_f64x2::<0xdd>(near, far)];
+        }
+        columns
+    }
+
+    /// 8×8 in four 4×4 blocks.
+    #[target_feature(enable = "avx")]
+    #[inline]
+    fn transposed256(rows: [Doubles256; EIGHT]) -> [Doubles256; EIGHT] {
+        let mut columns = rows;
+        for down in 0..2 {
+            for across in 0..2 {
+                let [a, b, c, d] = [
+                    rows[4 * down].0[across],
+                    rows[4 * down + 1].0[across],
+                    rows[4 * down + 2].0[across],
+                    rows[4 * down + 3].0[across],
+                ];
+                let (ab, cd) = (_mm256_unpacklo_pd(a, b), _mm256_unpacklo_pd(c, d));
+                columns[4 * across].0[down] = _mm256_permute2f128_pd::<0x20>(ab, cd);
+                columns[4 * across + 2].0[down] = _mm256_permute2f128_pd::<0x31>(ab, cd);
+                let (ab, cd) = (_mm256_unpackhi_pd(a, b), _mm256_unpackhi_pd(c, d));
+                columns[4 * across + 1].0[down] = _mm256_permute2f128_pd::<0x20>(ab, cd);
+                columns[4 * across + 3].0[down] = _mm256_permute2f128_pd::<0x31>(ab, cd);
+            }
+        }
+        columns
+    }
+
+    /// 8×8 through memory.
+    #[target_feature(enable = "avx")]
+    #[inline]
+    fn transposed256_singles(rows: [Singles256; EIGHT]) -> [Singles256; EIGHT] {
+        let mut numbers = [Array([0.0; EIGHT]); EIGHT];
+        for (numbers, row) in numbers.iter_mut().zip(rows) {
+            row.store(&mut numbers.0);
+        }
+        let mut columns = rows;
+        for (column, numbers) in columns.iter_mut().zip(Array::transposed(numbers)) {
+            *column = Singles256::load(&numbers.0);
+        }
+        columns
     }
 
     macro_rules! operator {
@@ -221,7 +294,7 @@ pub mod registers {
         };
     }
     macro_rules! eight {
-        ($type:ident, $real:ty, $width:literal, $load:ident, $store:ident) => {
+        ($type:ident, $real:ty, $width:literal, $load:ident, $store:ident, $transposed:ident) => {
             impl Eight<$real> for $type {
                 #[inline(always)]
                 fn load(from: &[$real; EIGHT]) -> Self {
@@ -238,6 +311,11 @@ pub mod registers {
                         // SAFETY: as above; a whole register's width is written, of any alignment.
                         unsafe { $store(to.as_mut_ptr(), *a) };
                     }
+                }
+                #[inline(always)]
+                fn transposed(rows: [Self; EIGHT]) -> [Self; EIGHT] {
+                    // SAFETY: as above.
+                    unsafe { $transposed(rows) }
                 }
             }
         };
@@ -284,9 +362,9 @@ pub mod registers {
         choose256_singles,
         above256_singles
     );
-    eight!(Doubles512, f64, 8, _mm512_loadu_pd, _mm512_storeu_pd);
-    eight!(Doubles256, f64, 4, _mm256_loadu_pd, _mm256_storeu_pd);
-    eight!(Singles256, f32, 8, _mm256_loadu_ps, _mm256_storeu_ps);
+    eight!(Doubles512, f64, 8, _mm512_loadu_pd, _mm512_storeu_pd, transposed512);
+    eight!(Doubles256, f64, 4, _mm256_loadu_pd, _mm256_storeu_pd, transposed256);
+    eight!(Singles256, f32, 8, _mm256_loadu_ps, _mm256_storeu_ps, transposed256_singles);
 }
 
 #[cfg(test)]
@@ -315,6 +393,15 @@ mod tests {
                     let [x, y] = [wide[what][k], one].map(T::to_f64);
                     assert!(x.to_bits() == y.to_bits() || (x.is_nan() && y.is_nan()), "{what} of {a:?}, {b:?}: {x} {y}");
                 }
+            }
+            let mut rows = [V::load(&a); EIGHT];
+            for (k, row) in rows.iter_mut().enumerate() {
+                *row = V::load(&core::array::from_fn(|j| T::splat((10 * k + j) as f64)));
+            }
+            for (j, column) in V::transposed(rows).into_iter().enumerate() {
+                let mut numbers = a;
+                column.store(&mut numbers);
+                assert_eq!(numbers, core::array::from_fn(|k| T::splat((10 * k + j) as f64)));
             }
             assert_eq!(V::load(&a).any_above(V::load(&b)), a.iter().zip(b).any(|(a, b)| a.any_above(b)));
         }

@@ -254,11 +254,17 @@ impl<T: Real, M: Method> Filter<T, M> {
         self.count += 1;
         let delay = self.delay_samples();
         while self.done + delay < self.count {
-            let correct = self.done >= self.stretch.max(self.unrepaired) + delay && self.lost == [0; 2];
             let number = self.done;
+            let correct = self.may_correct(number);
             let estimate = self.advance(correct);
             sink(number, estimate);
         }
+    }
+
+    /// Whether the accelerations of a sample whose neighbours are there can be used: no gap and no lost packet is among these.
+    #[inline(always)]
+    fn may_correct(&self, number: u64) -> bool {
+        number >= self.stretch.max(self.unrepaired) + self.delay_samples() && self.lost == [0; 2]
     }
 
     /// Receivers repeat the last row for packets that were lost. Once the next fresh row is here, the copies that still wait to
@@ -387,6 +393,24 @@ impl<T: Real, M: Method> Filter<T, M> {
         [acceleration(0, self.settings.joint.r1), acceleration(1, self.settings.joint.r2)]
     }
 
+    /// What the instant of sample `number` tells.
+    #[inline(always)]
+    fn moment(&self, number: u64, step: &Step<T>, correct: bool) -> Moment<T> {
+        let accelerations = if correct { self.accelerations(number) } else { [[T::default(); 3]; 2] };
+        Moment::new([step.dt, step.per_dt].map(T::splat), step.turns, accelerations)
+    }
+
+    /// The instant of the sample that was worked in last, if its accelerations were used.
+    pub(super) fn corrected_by(&self, number: u64) -> Option<Moment<T>> {
+        (number + 1 == self.done && self.done + self.delay_samples() == self.count && self.may_correct(number))
+            .then(|| self.moment(number, &self.step_to(number), true))
+    }
+
+    /// Whether an orientation was found.
+    pub(super) fn has_started(&self) -> bool {
+        self.start.is_none()
+    }
+
     /// Works in the next sample.
     #[inline(always)]
     fn advance(&mut self, correct: bool) -> Estimate {
@@ -396,8 +420,7 @@ impl<T: Real, M: Method> Filter<T, M> {
         if gap {
             self.cross_gap(&step);
         }
-        let accelerations = if correct { self.accelerations(number) } else { [[T::default(); 3]; 2] };
-        let moment = Moment::new([step.dt, step.per_dt].map(T::splat), step.turns, accelerations);
+        let moment = self.moment(number, &step, correct);
         self.done += 1;
         if self.start.is_some() {
             return self.prepare(&moment, step.dt, correct);

@@ -50,26 +50,29 @@ impl<L: Lane> Leaning<L> {
     #[inline(always)]
     pub(crate) fn update(&mut self, per_dt: L, pull: &[Vec3<L>; 3], bias_var: L) {
         let (zero, one) = (L::splat(0.0), L::splat(1.0));
-        let [a, b, c] = rows_back(exp(self.turn)).map(|r| combined(&self.rows, r));
+        let [a, b, c] = rows_back(exp(self.turn));
+        let [a, b, c] = [combined(&self.rows, a), combined(&self.rows, b), combined(&self.rows, c)];
         let t = self.since;
         let leant = [[a[0] + t, a[1], a[2]], [b[0], b[1] + t, b[2]], [c[0], c[1], c[2] + t]];
         // (I + n KH)⁻¹ by cofactors; its determinant is at least one.
         let n = t.at_most(L::splat(2.0 * STEP_S)) * per_dt;
-        let [x, y, z] = pull.map(|row| scale(row, n));
+        let [x, y, z] = [scale(pull[0], n), scale(pull[1], n), scale(pull[2], n)];
         let (x, y, z) = ([x[0] + one, x[1], x[2]], [y[0], y[1] + one, y[2]], [z[0], z[1], z[2] + one]);
         let cofactors = [cross(y, z), cross(z, x), cross(x, y)];
         let scaled = one / dot(x, cofactors[0]);
         let due = t - L::splat(STEP_S);
         let mut size = zero;
         for (k, row) in self.rows.iter_mut().enumerate() {
-            let new = combined(&leant, [cofactors[0][k], cofactors[1][k], cofactors[2][k]].map(|x| x * scaled));
+            let new = combined(&leant, scale([cofactors[0][k], cofactors[1][k], cofactors[2][k]], scaled));
             for (old, new) in row.iter_mut().zip(new) {
                 *old = due.where_above(zero, new, *old);
                 size = size + *old * *old;
             }
         }
         self.variance = due.where_above(zero, size * bias_var, self.variance);
-        self.turn = self.turn.map(|x| due.where_above(zero, zero, x));
+        for x in &mut self.turn {
+            *x = due.where_above(zero, zero, *x);
+        }
         self.since = due.where_above(zero, zero, t);
     }
 }

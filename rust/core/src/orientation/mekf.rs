@@ -14,7 +14,7 @@ use super::{
         Sym3, Vec3, add, add_diagonal, congruence, cross, dot, exp, mul, nearly_unit, normalize, rows_back, scale, sub,
         sym_times,
     },
-    lane::Lane,
+    lane::{Lane, Real},
     method::{Method, Tuning},
     state::{Moment, State, share},
 };
@@ -190,6 +190,10 @@ impl Method for Mekf {
     #[inline(always)]
     fn variance<L: Lane>(&self, s: &State<L>) -> L {
         s.variance() + s.leaning.variance
+    }
+
+    fn covariance<T: Real>(&self, s: &State<T>) -> Sym3<f64> {
+        add_diagonal(&s.p.map(T::to_f64), s.leaning.variance.to_f64() / 3.0)
     }
 
     fn widen<L: Lane>(&self, s: &mut State<L>, variance: L) {

@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{
-    algebra::scale,
-    lane::Lane,
+    algebra::{Sym3, scale},
+    lane::{Lane, Real},
     state::{Joint, Moment, Noise, State},
 };
 
@@ -18,6 +18,8 @@ pub trait Method: Copy + PartialEq + Serialize + DeserializeOwned + Send + Sync 
     fn step<L: Lane>(&self, tuning: &Tuning<L>, state: &mut State<L>, moment: &Moment<L>, correct: bool);
     /// Trace of the covariance of the rotation error, rad².
     fn variance<L: Lane>(&self, state: &State<L>) -> L;
+    /// Covariance of the rotation error in the frame of sensor 2, rad²; its trace is [`Self::variance`].
+    fn covariance<T: Real>(&self, state: &State<T>) -> Sym3<f64>;
     /// Adds so much variance about every axis.
     fn widen<L: Lane>(&self, state: &mut State<L>, variance: L);
 }

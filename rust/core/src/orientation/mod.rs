@@ -12,6 +12,7 @@
 //! | [`mekf`] | multiplicative extended Kalman filter |
 //! | [`filter`] | samples in, estimates out: delay, gaps, restarts |
 //! | [`run`](mod@run) | whole recordings: what comes in, what is carried back |
+//! | [`innovation`] | what they did not foresee |
 //! | [`batch`], `pack` | one recording, or many side by side |
 //! | [`smoother`] | the most probable orientation over a whole recording |
 
@@ -21,6 +22,7 @@ mod bytes;
 pub mod complementary;
 mod eight;
 pub mod filter;
+pub mod innovation;
 pub mod lane;
 pub mod leaning;
 pub mod mekf;
@@ -32,9 +34,10 @@ pub mod smoother;
 pub mod start;
 pub mod state;
 
-pub use batch::{run, run_batch};
+pub use batch::{Done, run, run_batch};
 pub use complementary::Complementary;
 pub use filter::{Estimate, Filter, Settings, Status};
+pub use innovation::{Innovations, innovations};
 pub use mekf::{Mekf, Outliers};
 pub use run::{Estimates, Signals};
 pub use start::start_of;

@@ -11,8 +11,7 @@
 //! products 14, `Rᵀa1` 14, gradient with heading gain 20, its length 12, division and root 36, step 10: about 105, 27 ns at
 //! 3.85 GHz, and a sixth of that for what is done side by side. The Kalman filter's, through both 2×2 inverses, has about 150.
 //! Both take about twice as long, since the core looks ahead no farther than one sample's instructions. Eight
-//! recordings are bound by instructions, not latency, and by the first touch of the memory of the results;
-//! `benches/orientation.py` measures.
+//! recordings are bound by instructions, not latency; `benches/orientation.py` measures.
 
 use alloc::vec::Vec;
 
@@ -20,7 +19,7 @@ use super::{
     algebra::{Vec3, scale},
     batch::Passenger,
     eight::{Array, EIGHT, Eight},
-    filter::{Filter, Status, alarm, spread},
+    filter::{Filter, alarm, spread},
     lane::Real,
     method::{Method, Tuning, mean},
     ring::{LENGTH, five_points, is_even},
@@ -30,7 +29,7 @@ use super::{
 /// Numbers of a channel that are read at a time: samples times recordings.
 const READ: usize = 256;
 /// Groups of eight instants that are worked out at a time.
-const GROUPS: usize = 8;
+const GROUPS: usize = EIGHT;
 
 /// Runs `S` recordings (fewer repeat the last one) side by side for `steps` samples, or until one must go on alone: at once on
 /// x86-64 without AVX2, which is not worth code of its own.
@@ -82,7 +81,7 @@ fn together_in<T: Real, M: Method, V: Eight<T>, const S: usize>(
         gather(lanes, &mut eight);
     }
     let Room { channels, moments, results } = room;
-    let mut rows = Rows::<T, S>::new(channels, lanes);
+    let mut rows = Rows::<T, S>::new::<M, V>(channels, lanes);
     let mut done = 0;
     let mut stop = false;
     while done < steps && !stop {
@@ -139,7 +138,7 @@ pub(super) struct Room<T> {
 
 impl<T: Real> Room<T> {
     pub fn new() -> Self {
-        let results = Results { q: [[T::default(); GROUPS * EIGHT]; 4], variance: [T::default(); GROUPS * EIGHT] };
+        let results = Results { q: [[T::default(); 4]; GROUPS * EIGHT], variance: [T::default(); GROUPS * EIGHT] };
         Self { channels: Default::default(), moments: Default::default(), results }
     }
 }
@@ -249,32 +248,73 @@ struct Rows<'r, T, const S: usize> {
     channels: &'r mut [Vec<T>; 12],
     /// So many rows before the first new one: what derivatives look back on, twice as much as they look ahead.
     before: usize,
+    /// Of each signal and recording, as often as there are samples in a group.
+    biases: [[[f64; 3 * EIGHT]; EIGHT]; 4],
 }
 
 impl<'r, T: Real, const S: usize> Rows<'r, T, S> {
-    fn new<M: Method>(channels: &'r mut [Vec<T>; 12], lanes: &[Passenger<'_, T, M>]) -> Self {
+    fn new<M: Method, V: Eight<T>>(channels: &'r mut [Vec<T>; 12], lanes: &[Passenger<'_, T, M>]) -> Self {
         let before = 2 * lanes[0].filter.delay_samples() as usize;
         // A group of eight may reach beyond the last row.
         channels.iter_mut().for_each(|c| c.resize(before * S + READ + EIGHT, T::default()));
-        let mut rows = Self { channels, before };
+        let mut biases = [[[0.0; 3 * EIGHT]; EIGHT]; 4];
         for k in 0..S {
-            let lane = sitting(lanes, k);
-            rows.put(lane, k, 0, lane.position - before, before);
+            let bias = sitting(lanes, k).filter.bias();
+            for (biases, bias) in biases.iter_mut().zip(bias.as_chunks::<3>().0) {
+                biases[k].as_chunks_mut().0.fill(*bias);
+            }
         }
+        let mut rows = Self { channels, before, biases };
+        rows.put::<M, V>(lanes, 0, -(before as isize), before);
         rows
     }
 
-    /// Puts `count` samples of a recording from `position` on into the rows from `row` on.
+    /// Puts `count` samples of each recording, from `from` samples after its position on, into the rows from `row` on.
     #[inline(always)]
-    fn put<M: Method>(&mut self, lane: &Passenger<'_, T, M>, k: usize, row: usize, position: usize, count: usize) {
-        let biases = lane.filter.bias();
-        let signals = lane.signals.xyz.iter().zip(biases.as_chunks::<3>().0);
-        for (channels, (signal, bias)) in self.channels.as_chunks_mut::<3>().0.iter_mut().zip(signals) {
-            let [x, y, z] = channels.each_mut().map(|c| c[row * S..(row + count) * S].iter_mut().skip(k).step_by(S));
-            for (((x, y), z), xyz) in x.zip(y).zip(z).zip(&signal[position..position + count]) {
-                *x = T::splat(xyz[0] - bias[0]);
-                *y = T::splat(xyz[1] - bias[1]);
-                *z = T::splat(xyz[2] - bias[2]);
+    fn put<M: Method, V: Eight<T>>(&mut self, lanes: &[Passenger<'_, T, M>], row: usize, from: isize, count: usize) {
+        // Eight samples of eight recordings change rows and columns in registers; what is left over goes one by one.
+        let whole = if S == 1 { 0 } else { count - count % EIGHT };
+        for (s, channels) in self.channels.as_chunks_mut::<3>().0.iter_mut().enumerate() {
+            if whole > 0 {
+                let mut samples = [[].as_slice(); EIGHT];
+                for (k, samples) in samples.iter_mut().enumerate() {
+                    let lane = sitting(lanes, k);
+                    let at = lane.position.wrapping_add_signed(from);
+                    *samples = lane.signals.xyz[s][at..at + whole].as_chunks::<EIGHT>().0;
+                }
+                let groups =
+                    channels.each_mut().map(|c| c[S * row..S * (row + whole)].as_chunks_mut().0.as_chunks_mut::<EIGHT>().0);
+                let [x, y, z] = groups;
+                for (first, ((x, y), z)) in x.iter_mut().zip(y).zip(z).enumerate() {
+                    let mut free = [[T::default(); 3 * EIGHT]; EIGHT];
+                    for (k, free) in free.iter_mut().enumerate() {
+                        for ((free, x), bias) in free.iter_mut().zip(samples[k][first].as_flattened()).zip(&self.biases[s][k]) {
+                            *free = T::splat(x - bias);
+                        }
+                    }
+                    for part in 0..3 {
+                        let mut rows = [V::splat(0.0); EIGHT];
+                        for (row, free) in rows.iter_mut().zip(&free) {
+                            *row = V::load(&free.as_chunks().0[part]);
+                        }
+                        for (j, numbers) in V::transposed(rows).into_iter().enumerate() {
+                            let number = EIGHT * part + j;
+                            numbers.store([&mut *x, &mut *y, &mut *z][number % 3].each_mut()[number / 3]);
+                        }
+                    }
+                }
+            }
+            for k in 0..S {
+                let lane = sitting(lanes, k);
+                let (bias, at) = (&self.biases[s][k], lane.position.wrapping_add_signed(from));
+                let rows = S * (row + whole)..S * (row + count);
+                let [x, y, z] = channels.each_mut().map(|c| c[rows.clone()].as_chunks_mut::<S>().0);
+                let samples = lane.signals.xyz[s][at + whole..at + count].iter();
+                for (((x, y), z), xyz) in x.iter_mut().zip(y).zip(z).zip(samples) {
+                    x[k] = T::splat(xyz[0] - bias[0]);
+                    y[k] = T::splat(xyz[1] - bias[1]);
+                    z[k] = T::splat(xyz[2] - bias[2]);
+                }
             }
         }
     }
@@ -283,18 +323,18 @@ impl<'r, T: Real, const S: usize> Rows<'r, T, S> {
     /// in.
     #[inline(always)]
     fn read<M: Method, V: Eight<T>>(&mut self, lanes: &[Passenger<'_, T, M>], done: usize, count: usize) -> usize {
-        for k in 0..S {
-            let lane = sitting(lanes, k);
-            self.put(lane, k, self.before, lane.position + done, count);
-        }
+        self.put::<M, V>(lanes, self.before, done as isize, count);
         let even = lanes.iter().map(|lane| lane.even_for(done, count)).min().unwrap_or(0);
         // All must be finite, and no sensor may repeat its row: lost packets are mended alone.
         for at in (0..even * S).step_by(EIGHT) {
             let (now, before) = (self.before * S + at, (self.before - 1) * S + at);
             let moved = self.distance::<V>(0, now, before) * self.distance::<V>(6, now, before);
-            let mut numbers = [T::default(); EIGHT];
-            moved.store(&mut numbers);
-            if let Some(k) = numbers.iter().position(|x| !(x.to_f64() > 0.0 && x.to_f64() < f64::INFINITY)) {
+            let (zero, one) = (V::splat(0.0), V::splat(1.0));
+            let sound = moved.where_above(zero, V::splat(f64::INFINITY).where_above(moved, one, zero), zero);
+            if one.any_above(sound) {
+                let mut numbers = [T::default(); EIGHT];
+                sound.store(&mut numbers);
+                let k = numbers.iter().position(|x| x.to_f64() == 0.0).unwrap_or(0);
                 return even.min((at + k) / S);
             }
         }
@@ -333,25 +373,34 @@ fn eight_at<T: Real, V: Eight<T>>(channel: &[T], at: usize) -> V {
     V::load(unsafe { &*channel.as_ptr().add(at).cast() })
 }
 
-/// Orientations and variances on their way out.
+/// Rows and columns of eight by eight numbers change places.
+#[inline(always)]
+fn transposed<T: Real, V: Eight<T>>(from: &[[T; EIGHT]]) -> [V; EIGHT] {
+    let mut rows = [V::splat(0.0); EIGHT];
+    for (row, from) in rows.iter_mut().zip(from) {
+        *row = V::load(from);
+    }
+    V::transposed(rows)
+}
+
+/// Orientations and variances on their way out: of one recording, or of eight one after the other; while rows come in, those of
+/// eight lie side by side.
 struct Results<T> {
-    q: [[T; GROUPS * EIGHT]; 4],
+    q: [[T; 4]; GROUPS * EIGHT],
     variance: [T; GROUPS * EIGHT],
 }
 
 impl<T: Real> Results<T> {
     #[inline(always)]
     fn put_one(&mut self, row: usize, q: &[T; 4], variance: T) {
-        for (all, q) in self.q.iter_mut().zip(q) {
-            all[row] = *q;
-        }
+        self.q[row] = *q;
         self.variance[row] = variance;
     }
 
     #[inline(always)]
     fn put_eight<V: Eight<T>>(&mut self, row: usize, q: &[V; 4], variance: V) {
-        for (all, q) in self.q.iter_mut().zip(q) {
-            q.store(&mut all.as_chunks_mut().0[row]);
+        for (all, q) in self.q.as_flattened_mut().as_chunks_mut().0[4 * row..].iter_mut().zip(q) {
+            q.store(all);
         }
         variance.store(&mut self.variance.as_chunks_mut().0[row]);
     }
@@ -362,13 +411,28 @@ impl<T: Real> Results<T> {
         for group in self.variance.as_chunks_mut().0 {
             spread(V::load(group)).store(group);
         }
+        if S > 1 {
+            self.turn_over::<V>();
+        }
         for (k, lane) in lanes.iter_mut().enumerate() {
-            let at = (0..rows).map(|row| row * S + k);
-            let [w, x, y, z] = &self.q;
-            lane.estimates.q.extend(at.clone().map(|at| [w[at], x[at], y[at], z[at]].map(T::to_f64)));
-            let std = at.map(|at| self.variance[at].to_f64());
-            lane.estimates.status.extend(std.clone().map(Status::of));
-            lane.estimates.std.extend(std);
+            let at = k * GROUPS * EIGHT / S..k * GROUPS * EIGHT / S + rows;
+            lane.page.extend(&self.q[at.clone()], &self.variance[at]);
+        }
+    }
+
+    /// Eight rows of eight recordings: recording by recording.
+    #[inline(always)]
+    fn turn_over<V: Eight<T>>(&mut self) {
+        let side_by_side = self.q;
+        let (from, to) = (side_by_side.as_flattened().as_chunks().0, self.q.as_flattened_mut().as_chunks_mut().0);
+        for two in 0..EIGHT / 2 {
+            for (k, q) in transposed::<T, V>(&from[EIGHT * two..]).into_iter().enumerate() {
+                q.store(&mut to[EIGHT / 2 * k + two]);
+            }
+        }
+        let variances = transposed::<T, V>(self.variance.as_chunks().0);
+        for (variance, to) in variances.into_iter().zip(self.variance.as_chunks_mut().0) {
+            variance.store(to);
         }
     }
 }

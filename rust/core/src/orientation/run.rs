@@ -1,6 +1,6 @@
 //! A whole recording: the estimate of every sample, at its own time.
 
-use alloc::vec::Vec;
+use alloc::{vec, vec::Vec};
 
 use super::{
     algebra::{Quat, exp, inverted, mul, normalize},
@@ -59,16 +59,21 @@ pub struct Estimates {
 }
 
 impl Estimates {
-    /// Room for so many.
-    pub fn with_capacity(count: usize) -> Self {
-        Self { q: Vec::with_capacity(count), std: Vec::with_capacity(count), status: Vec::with_capacity(count) }
+    /// Room for so many, in one piece: what a caller frees and asks for again stays in the process.
+    pub(super) fn of_size(count: usize) -> Self {
+        Self { q: vec![[0.0; 4]; count], std: vec![0.0; count], status: vec![Status::Starting; count] }
     }
 
-    /// One more.
-    pub fn push(&mut self, estimate: Estimate) {
-        self.q.push(estimate.q);
-        self.std.push(estimate.std);
-        self.status.push(estimate.status);
+    /// All of it, to be written.
+    pub(super) fn page(&mut self) -> Page<'_> {
+        Page { q: &mut self.q, std: &mut self.std, status: &mut self.status, filled: 0 }
+    }
+
+    /// The first ones only.
+    pub(super) fn truncate(&mut self, count: usize) {
+        self.q.truncate(count);
+        self.std.truncate(count);
+        self.status.truncate(count);
     }
 
     /// One after the other.
@@ -78,22 +83,68 @@ impl Estimates {
     }
 }
 
+/// Where the estimates of one recording go.
+#[derive(Debug, Default)]
+pub(super) struct Page<'a> {
+    q: &'a mut [Quat<f64>],
+    std: &'a mut [f64],
+    status: &'a mut [Status],
+    /// So many are there already.
+    pub filled: usize,
+}
+
+impl<'a> Page<'a> {
+    /// Tears off the first part.
+    pub fn take(&mut self, count: usize) -> Page<'a> {
+        let (q, std, status);
+        (q, self.q) = core::mem::take(&mut self.q).split_at_mut(count);
+        (std, self.std) = core::mem::take(&mut self.std).split_at_mut(count);
+        (status, self.status) = core::mem::take(&mut self.status).split_at_mut(count);
+        Page { q, std, status, filled: 0 }
+    }
+
+    /// One more.
+    pub fn push(&mut self, estimate: Estimate) {
+        let at = self.filled;
+        (self.q[at], self.std[at], self.status[at]) = (estimate.q, estimate.std, estimate.status);
+        self.filled += 1;
+    }
+
+    /// Many more.
+    #[inline(always)]
+    pub fn extend<T: Real>(&mut self, q: &[[T; 4]], std: &[T]) {
+        let now = self.filled..self.filled + q.len();
+        for (to, [w, x, y, z]) in self.q[now.clone()].iter_mut().zip(q) {
+            *to = [w.to_f64(), x.to_f64(), y.to_f64(), z.to_f64()];
+        }
+        for (to, from) in self.std[now.clone()].iter_mut().zip(std) {
+            *to = from.to_f64();
+        }
+        for (to, from) in self.status[now.clone()].iter_mut().zip(std) {
+            *to = Status::of(from.to_f64());
+        }
+        self.filled = now.end;
+    }
+}
+
 /// The samples whose neighbours never came, and the starts.
-pub(super) fn finish<T: Real, M: Method>(filter: &mut Filter<T, M>, signals: &Signals<'_>, estimates: &mut Estimates) {
+pub(super) fn finish<T: Real, M: Method>(filter: &mut Filter<T, M>, signals: &Signals<'_>, page: &mut Page<'_>) {
     let last = filter.latest();
     let mut rest = filter.clone();
-    rest.flush(&mut |_, e| estimates.push(e));
-    if let (Some(end), Status::Starting) = (estimates.q.last_mut(), last.status) {
+    rest.flush(&mut |_, e| page.push(e));
+    let all = ..page.filled;
+    let (q, std, status) = (&mut page.q[all], &mut page.std[all], &page.status[all]);
+    if let (Some(end), Status::Starting) = (q.last_mut(), last.status) {
         *end = last.q;
     }
-    carry_back(filter.settings(), signals, estimates);
-    make_continuous(estimates);
+    carry_back(filter.settings(), signals, q, std, status);
+    make_continuous(q, std);
 }
 
 /// Turns the signs so that none flips from one sample to the next. Where the numbers overflowed, the orientation is unknown.
-fn make_continuous(estimates: &mut Estimates) {
+fn make_continuous(q: &mut [Quat<f64>], std: &mut [f64]) {
     let mut before = [0.0; 4];
-    for (q, std) in estimates.q.iter_mut().zip(&mut estimates.std) {
+    for (q, std) in q.iter_mut().zip(std) {
         if !((dot4(q, q) - 1.0).abs() < 1e-3 && std.is_finite()) {
             (*q, *std) = ([1.0, 0.0, 0.0, 0.0], core::f64::consts::PI);
         }
@@ -109,7 +160,7 @@ fn dot4(a: &Quat<f64>, b: &Quat<f64>) -> f64 {
 }
 
 /// Gives the samples of a start the orientation that it found, turned back by the gyroscopes.
-fn carry_back(settings: &Settings, signals: &Signals<'_>, Estimates { q, std, status }: &mut Estimates) {
+fn carry_back(settings: &Settings, signals: &Signals<'_>, q: &mut [Quat<f64>], std: &mut [f64], status: &[Status]) {
     let [gyr1, _, gyr2, _] = signals.xyz;
     for k in (0..status.len().saturating_sub(1)).rev() {
         if status[k] != Status::Starting {

@@ -65,10 +65,12 @@ fn a_recording_in_a_batch_gives_the_bits_it_gives_alone() {
         let mut all: Vec<(Settings, Signals<'_>)> =
             joints.iter().map(BallJoint::settings).zip(recordings.iter().map(Recording::signals)).collect();
         all[2].1 = recordings[2].timed();
-        let Some(together) = run_batch::<f64, M>(method, &all, &mut || true) else { panic!() };
-        for ((settings, signals), (batch, _)) in all.iter().zip(together) {
-            let alone = run::<f64, M>(settings, method, signals, &mut || true).map(|r| r.0);
-            assert!(alone == Some(batch));
+        let Some((together, done)) = run_batch::<f64, M>(method, &all, &mut || true) else { panic!() };
+        assert_eq!(done.len(), all.len());
+        for ((settings, signals), done) in all.iter().zip(done) {
+            let Some((alone, filter)) = run::<f64, M>(settings, method, signals, &mut || true) else { panic!() };
+            let batch = together.iter().skip(done.at.start).take(done.at.len());
+            assert!(batch.eq(alone.iter()) && done.restarts == filter.restarts());
         }
     }
     check(Mekf::default());

@@ -4,10 +4,11 @@ use alloc::vec::Vec;
 use nalgebra::{ComplexField, Vector3};
 
 use super::{
+    arrowhead::Border,
     assemble::{Problem, State},
     keys::Key,
     marginals::Marginal,
-    residual::{Drift, Link},
+    residual::{Drift, GYR_BIASES, Link},
 };
 
 /// Scales of the residuals.
@@ -61,9 +62,10 @@ impl Noise {
     }
 
     /// Both scales as they are most probable with the orientations integrated out: each is the mean square of its residuals
-    /// over what these leave free (MacKay's fixed point). `chain` holds the marginals at `state`, the constants known.
-    pub fn update(&self, problem: &Problem, state: &State, chain: &[Marginal]) -> Self {
-        let (mut link, mut drift) = ((0.0, 0.0), (0.0, 0.0));
+    /// over what these leave free (MacKay's fixed point). `chain` holds the marginals at `state`, the constants known, and
+    /// `absorbed` what the constants take; see [`absorbed`].
+    pub fn update(&self, problem: &Problem, state: &State, chain: &[Marginal], absorbed: f64) -> Self {
+        let (mut link, mut drift) = ((0.0, -absorbed), (0.0, 0.0));
         for (k, (key, w)) in problem.keys.iter().zip(&state.w).enumerate() {
             let Some(m) = chain.get(k) else { break };
             if key.share > 0.0 {
@@ -101,6 +103,14 @@ fn bounded(std: f64, (square, free): (f64, f64)) -> f64 {
     if free > 0.0 { std * ComplexField::sqrt((square / free).clamp(1.0 / 9.0, 9.0)) } else { std }
 }
 
+/// How many channels of links lever arms and accelerometer biases have fitted. One that the data determine takes one, one that
+/// the prior holds none: `1 − (Λ Σ)_ii`, with Λ the precision beforehand and Σ the covariance of the constants. In a recording
+/// of seconds it is much of all there is.
+pub fn absorbed(problem: &Problem, covariance: &Border) -> f64 {
+    let left = problem.prior.precision * covariance * problem.prior_weight;
+    (0..GYR_BIASES).map(|i| (1.0 - left[(i, i)]).clamp(0.0, 1.0)).sum()
+}
+
 /// How many neighbouring links count as one, because their errors are alike: `1 + 2 Σ ρ(lag)` of their weighted residuals,
 /// over lags until the correlation has died away.
 pub fn alike(problem: &Problem, state: &State) -> f64 {
@@ -124,10 +134,13 @@ const MOST_LAGS: usize = 20;
 /// ...and as long as it is at least this.
 const LEAST_RHO: f64 = 0.05;
 
+/// Where the unknowns fit next to everything, this part of the links is taken as free.
+const LEAST_FREE: f64 = 1e-3;
+
 /// What the curvature of a link's cost counts for as information, all links alike. With `w e` the slope of the cost, `E w`
 /// its mean Gauss–Newton curvature, `A = E ∂(w e)/∂e` the true one and `B` the variance of the slope, an estimate has the
 /// variance `B/A²`, not `1/E w` (the sandwich); and `alike` neighbours count as one.
-pub fn trust(problem: &Problem, state: &State, chain: &[Marginal]) -> f64 {
+pub fn trust(problem: &Problem, state: &State, chain: &[Marginal], absorbed: f64) -> f64 {
     let noise = Noise { trust: 1.0, ..problem.noise };
     let (mut slope, mut curvature, mut weights, mut free) = (0.0, 0.0, 0.0, 0.0);
     for ((key, w), m) in problem.keys.iter().zip(&state.w).zip(chain).filter(|((key, _), _)| key.share > 0.0) {
@@ -141,7 +154,9 @@ pub fn trust(problem: &Problem, state: &State, chain: &[Marginal]) -> f64 {
         free += 1.0 - weight * (link.turn * m.own * link.turn.transpose()).trace() / 3.0;
     }
     // Residuals have been fitted: what they left free tells how much larger errors are.
-    let slope = slope * problem.links(state).count() as f64 / free;
+    let count = problem.links(state).count() as f64;
+    let free = (free - absorbed / 3.0).max(LEAST_FREE * count);
+    let slope = slope * count / free;
     let trust = curvature * curvature / (slope * weights) / alike(problem, state);
     if slope > 0.0 && free > 0.0 && curvature > 0.0 { trust.min(1.0) } else { 1.0 }
 }

@@ -1,10 +1,11 @@
 //! Whether the data show the relative orientation at all. The accelerations of the joint centre must point in changing
 //! directions (Kok, Eckhoff, Weygers, Seel 2021): where they stay along one, a turn about it moves no residual.
 
-use nalgebra::{Matrix3, SymmetricEigen};
+use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
 use super::{
     assemble::{Problem, State},
+    keys::Key,
     marginals::Marginal,
     residual::joint_acc,
 };
@@ -23,17 +24,30 @@ const UNKNOWN: f64 = core::f64::consts::PI * core::f64::consts::PI / 3.0;
 /// sensors cancel, as they do not know each other; in that of Gauss–Newton they feign information.
 pub fn reveal(problem: &Problem, state: &State, covariances: &mut [Marginal]) -> bool {
     let mut any = false;
-    let mut start = 0;
-    for end in 1..=problem.keys.len() {
-        if end == problem.keys.len() || problem.keys[end - 1].span_s == 0.0 {
-            match unknown(problem, state, start, end) {
-                Some(more) => covariances.iter_mut().take(end).skip(start).for_each(|m| m.own += more),
-                None => any = true,
-            }
-            start = end;
+    for (start, end) in chains(problem.keys) {
+        match unknown(problem, state, start, end) {
+            Some(more) => covariances.iter_mut().take(end).skip(start).for_each(|m| m.own += more),
+            None => any = true,
         }
     }
     any
+}
+
+/// The longest of the steps of all chains that show their orientation, rad. Those of a chain that does not lead nowhere: along a
+/// valley that only noise makes uneven.
+pub fn longest_step(problem: &Problem, state: &State, steps: &[Vector3<f64>]) -> f64 {
+    let shown = chains(problem.keys).filter(|(start, end)| unknown(problem, state, *start, *end).is_none());
+    let longest = |(start, end): (usize, usize)| steps.iter().take(end).skip(start).map(|s| s.norm()).fold(0.0, f64::max);
+    shown.map(longest).fold(0.0, f64::max)
+}
+
+/// The unbroken chains of keys: of each the first, and the one after the last.
+fn chains(keys: &[Key]) -> impl Iterator<Item = (usize, usize)> + '_ {
+    let mut start = 0;
+    (1..=keys.len()).filter_map(move |end| {
+        let broken = end == keys.len() || keys[end - 1].span_s == 0.0;
+        broken.then(|| (core::mem::replace(&mut start, end), end))
+    })
 }
 
 /// Covariance of what one chain does not show; None where it shows everything.

@@ -20,12 +20,16 @@ pub struct Smoothed {
     /// Covariance of the error of `q_12` at every sample, perturbed on the right (in sensor frame 2), rad²: xx, yy, zz, xy,
     /// xz, yz. Infinite where the problem could not be solved.
     pub covariance: Vec<[f64; 6]>,
+    /// The same if the constants were known.
+    pub covariance_known: Vec<[f64; 6]>,
     /// The constants; see [`super::residual`].
     pub constants: Constants,
     /// Their covariance.
     pub constants_covariance: Border,
     /// What the noise was found to be.
     pub noise: Noise,
+    /// Of every link its sample and `‖e‖²/σ²`, which are 3·F(3, ν) distributed where the model holds.
+    pub link_squares: Vec<(usize, f64)>,
     /// Why the descent ended.
     pub status: Status,
     /// Gauss–Newton iterations.

@@ -9,9 +9,9 @@ use super::{
     kernel::Kernel,
     keys::{Key, Samples},
     marginals::{chain_marginals, marginals},
-    noise::{Noise, alike, trust},
+    noise::{Noise, absorbed, alike, trust},
     norms::fit_lengths,
-    observability::reveal,
+    observability::{longest_step, reveal},
     output::{Smoothed, samples_covariance, samples_q_12},
     residual::{Constants, GYR_BIASES, triple},
     start::start,
@@ -129,6 +129,11 @@ const BIAS_TOLERANCE: f64 = 1e-4;
 const MOST_REMAKES: usize = 4;
 /// No more iterations than these pass for rough: where nothing holds the heading, steps stay long.
 const MOST_ROUGH: usize = 15;
+/// Where a chain that does not show its orientation wanders along its valley, it pulls the others a little to and fro through the
+/// constants; steps of theirs shorter than this then end the descent, rad (0.003 degrees).
+const WANDERING_TOLERANCE: f64 = 5e-5;
+/// Scales of few residuals creep to where they belong; after so many iterations they are near enough.
+const MOST_UNSETTLED: usize = 30;
 const LEAST_DAMPING: f64 = 1e-4;
 /// Up to this the damped system tells the noise as the plain one would.
 const SLIGHT_DAMPING: f64 = 1e-2;
@@ -209,8 +214,9 @@ impl<'a> Descent<'a> {
                 continue;
             }
             if !rough && !settled && damping <= SLIGHT_DAMPING {
-                let noise = self.fixed(self.noise.update(&problem, &next, &chain_marginals(&eliminated)));
-                settled = noise.close_to(&self.noise);
+                let taken = absorbed(&problem, &eliminated.border);
+                let noise = self.fixed(self.noise.update(&problem, &next, &chain_marginals(&eliminated), taken));
+                settled = noise.close_to(&self.noise) || iteration >= MOST_UNSETTLED;
                 let alike = alike(&problem, &next);
                 (self.noise, self.prior_weight) = (noise, alike);
             }
@@ -222,11 +228,17 @@ impl<'a> Descent<'a> {
             if moved > BIAS_TOLERANCE && remakes < MOST_REMAKES && !rough {
                 self.remake(now);
                 remakes += 1;
-            } else if settled && longest < STEP_TOLERANCE {
+            } else if settled && (longest < STEP_TOLERANCE || (iteration >= MOST_ROUGH && self.wanders(&steps, longest))) {
                 return (Status::Converged, iteration + 1);
             }
         }
         (Status::MaxIterations, self.options.max_iterations)
+    }
+
+    /// Whether nothing moves any more but chains that do not show their orientation, and what these pull along.
+    fn wanders(&self, steps: &[Vector3<f64>], longest: f64) -> bool {
+        let shown = longest_step(&self.problem(), &self.state, steps);
+        shown < WANDERING_TOLERANCE && shown < longest
     }
 
     /// With the scales that the caller fixed.
@@ -251,23 +263,40 @@ impl<'a> Descent<'a> {
     }
 
     fn finish(mut self, status: Status, iterations: usize) -> Smoothed {
-        let chain = self.problem().linearise(&self.state, 0.0).eliminate().as_ref().map(chain_marginals).unwrap_or_default();
-        self.noise.trust = trust(&self.problem(), &self.state, &chain);
+        if let Some(eliminated) = self.problem().linearise(&self.state, 0.0).eliminate() {
+            let taken = absorbed(&self.problem(), &eliminated.border);
+            self.noise.trust = trust(&self.problem(), &self.state, &chain_marginals(&eliminated), taken);
+        }
         self.prior_weight = 1.0;
         let eliminated = self.problem().linearise(&self.state, 0.0).eliminate();
         let mut covariances = eliminated.as_ref().map(marginals).unwrap_or_default();
+        let mut known = eliminated.as_ref().map(chain_marginals).unwrap_or_default();
         let seen = reveal(&self.problem(), &self.state, &mut covariances);
+        reveal(&self.problem(), &self.state, &mut known);
         let ended = matches!(status, Status::Converged | Status::Stalled | Status::MaxIterations);
         let status = if ended && !seen { Status::NotObservable } else { status };
         Smoothed {
             q_12: samples_q_12(&self.samples, &self.turns, &self.keys, &self.state.w),
             covariance: samples_covariance(&self.samples, &self.turns[1], &self.keys, &covariances),
+            covariance_known: samples_covariance(&self.samples, &self.turns[1], &self.keys, &known),
             constants: self.state.x,
             constants_covariance: eliminated.map_or(Border::from_diagonal_element(f64::INFINITY), |e| e.border),
             noise: self.noise,
+            link_squares: self.link_squares(),
             status,
             iterations,
         }
+    }
+
+    /// Of every link its sample and the square of its residual over the scale of the noise.
+    fn link_squares(&self) -> Vec<(usize, f64)> {
+        let variance = self.noise.link_std * self.noise.link_std;
+        let problem = self.problem();
+        let linked = self.keys.iter().filter(|key| key.share > 0.0);
+        linked
+            .zip(problem.links(&self.state))
+            .map(|(key, (e, share))| (key.sample, e.norm_squared() * share / variance))
+            .collect()
     }
 }
 
