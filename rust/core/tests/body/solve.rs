@@ -367,3 +367,26 @@ fn the_step_is_that_of_the_dense_normal_equations() {
     }
     (0..constants).for_each(|k| assert!((found.border[k] - expected[size + k]).abs() < 1e-5 * scale));
 }
+
+#[test]
+fn lengths_that_contradict_the_joints_do_not_keep_the_search_leaping() {
+    let (body, mut model) = (body(4.0, true, 7), model());
+    // The bone is 40 cm long; what is known beforehand says otherwise, more firmly than the joints do: the length bends, which
+    // its square in the normal equations leaves out. Full steps alone take 12.
+    model.bones[0].length = Some([0.6, 0.005]);
+    model.bones[0].limits = None;
+    model.joints.iter_mut().for_each(|joint| joint.center_std = [0.1; 3]);
+    let moments = body.moments(&model);
+    let start = body.start(&moments, &mut Random(8), 0.05);
+    let problem = Problem::new(&model, &moments, &start);
+    let end = minimise(&problem, start, &Descent::default(), &mut |_| true);
+    assert_eq!(end.status, Status::Converged);
+    assert!(end.trials.len() <= 9, "{}", end.trials.len());
+    // A shortened step counts as its own cost says.
+    assert!(end.trials.iter().filter(|t| t.taken).all(|t| t.tried < t.cost));
+    // What the residuals cost is part of the whole.
+    let (links, joints) = problem.squares(&end.state);
+    let squares = links.iter().sum::<f64>() + joints.iter().flatten().sum::<f64>();
+    assert!(0.5 * squares < end.cost && squares > 0.0);
+    assert_eq!((links.len(), joints.len()), (moments.len() * 3, moments.len() * 2));
+}
