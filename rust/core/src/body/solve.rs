@@ -109,7 +109,7 @@ pub fn minimise(problem: &Problem<'_>, state: State, descent: &Descent, watch: &
         // from side to side: the parabola through the slope and both costs says how far to go. What climbs by more than was
         // promised is the valley's bend, not this.
         let (bend, climb) = (tried - cost + slope, tried - cost);
-        if ahead.is_none() && climb > -0.5 * promised && climb < promised && bend > 0.0 {
+        if ahead.is_none() && climb > -0.3 * promised && climb < promised && bend > 0.0 {
             let share = 0.5 * slope / bend;
             let scaled = |v: &[f64]| -> Vec<f64> { v.iter().map(|v| share * v).collect() };
             let shorter = from.moved(model, &scaled(&steps), &scaled(&border));
