@@ -2,7 +2,7 @@
 
 from imufast.body.estimate import estimate_lower_body
 from imufast.body.layout import JOINTS, SEGMENTS
-from imufast.body.result import BodyJoint, BodyStatus, LowerBody
+from imufast.body.result import BodyJoint, BodyStatus, BodyWindow, LowerBody
 from imufast.body.settings import Anthropometry, LowerBodySettings
 
 __all__ = [
@@ -11,6 +11,7 @@ __all__ = [
     "Anthropometry",
     "BodyJoint",
     "BodyStatus",
+    "BodyWindow",
     "LowerBody",
     "LowerBodySettings",
     "estimate_lower_body",

@@ -73,7 +73,7 @@ def alive(recording: Recording, layout: Layout) -> tuple[Recording, list[str]]:
     if not bad.any():
         return recording, []
     kept = {
-        name: Imu(imu.gyr[~bad], imu.acc[~bad], time_s=imu.time_s[~bad], rate_hz=imu.rate_hz, name=name, units="m/s^2")
+        name: imu._replace(gyr=imu.gyr[~bad], acc=imu.acc[~bad], time_s=imu.time_s[~bad])
         for name, imu in recording.items()
         if name in layout.placed.values()
     }
@@ -158,7 +158,10 @@ def _misfit(imu1: Imu, imu2: Imu) -> float:
 def _held(imu: Imu) -> Rows:
     """(N,) whether a row repeats the one before, or is repeated."""
     same = (imu.gyr[1:] == imu.gyr[:-1]).all(axis=1) & (imu.acc[1:] == imu.acc[:-1]).all(axis=1)
-    return np.concatenate([[False], same]) | np.concatenate([same, [False]])
+    held = np.zeros(len(imu), dtype=bool)
+    held[1:] |= same
+    held[:-1] |= same
+    return held
 
 
 def _long(rows: Rows, recording: Recording) -> Rows:

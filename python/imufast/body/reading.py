@@ -28,7 +28,7 @@ UNLIKELY = 5.0
 
 
 class Reading:
-    """A fit beside what it was made from."""
+    """A fit beside what it was made from; `known`: frames (sensor to (3, 3), segment to sensor) found elsewhere."""
 
     def __init__(
         self,
@@ -38,10 +38,11 @@ class Reading:
         start: BodyStart,
         rows: Rows,
         fit: _core.BodyFit,
+        known: dict[int, Array] | None = None,
     ) -> None:
         self.recording, self.layout, self.anthropometry, self.start = recording, layout, anthropometry, start
         self.rows, self.fit, self.turned = rows, fit, matrix(fit.q)
-        self.frames = self.all_frames()
+        self.frames = self.all_frames() if known is None else known
 
     def read(self, settings: LowerBodySettings, history: Array, why: list[str]) -> LowerBody:
         """All of it."""
