@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import combinations, permutations
 
 import numpy as np
@@ -15,7 +16,7 @@ from imufast.imu import Imu, Recording
 from imufast.plausibility import check_units, dead_channels
 from imufast.quaternion import rotate
 
-__all__ = ["alive", "legs_swapped", "misplaced", "stands_still"]
+__all__ = ["Assignments", "alive", "legs_swapped", "misplaced", "stands_still"]
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]
@@ -94,20 +95,44 @@ def misplaced(recording: Recording, layout: Layout) -> list[str]:
     of assignments alike those are named that are the likeliest mistakes: few sensors, other side or same leg. Sensors that do
     not move, such as feet in sit-to-stand, are not told apart.
     """
-    names, joints = list(layout.placed.values()), list(layout.joints.values())
-    misfit = np.zeros((len(names), len(names)))
-    for a, b in combinations(range(len(names)), 2):
-        misfit[a, b] = misfit[b, a] = _misfit(recording[names[a]], recording[names[b]])
-    worn = np.array(list(permutations(range(len(names)))))
-    total = np.sum([misfit[worn[:, a], worn[:, b]] for a, b in joints], axis=0)
-    if total[0] - total.min() < CLEAR:
+    found = Assignments.of(recording, layout)
+    if found.margin < CLEAR:
         return []
-    effort = np.sum([_mistake(layout.segments)[k, worn[:, k]] for k in range(len(names))], axis=0)
-    effort[total > total.min() + CLEAR] = np.inf
+    mistakes = _mistake(layout.segments)
+    effort = np.sum([mistakes[k, found.worn[:, k]] for k in range(len(layout.segments))], axis=0)
+    effort[found.total > found.total.min() + CLEAR] = np.inf
     likely = np.flatnonzero(effort == effort.min())
-    told = [_told(layout, worn[k]) for k in likely[np.argsort(total[likely])]]
+    told = [_told(layout, found.worn[k]) for k in likely[np.argsort(found.total[likely])]]
     told = [*told[:2], "another swap as good"] if len(told) > 2 else told
     return [f"the joints contradict the placement: {'; or '.join(told)} (or the mirror image of that)"]
+
+
+@dataclass(frozen=True, eq=False)
+class Assignments:
+    """All ways in which the placed sensors may be worn on the placed segments.
+
+    Attributes:
+        worn: (A, S) the sensor of each segment; the first row is the placement.
+        total: (A,) sum of the logarithms of all joints' misfits.
+    """
+
+    worn: NDArray[np.intp]
+    total: Array
+
+    @classmethod
+    def of(cls, recording: Recording, layout: Layout) -> Assignments:
+        """From how well each pair of sensors shares a point."""
+        names = list(layout.placed.values())
+        misfit = np.zeros((len(names), len(names)))
+        for a, b in combinations(range(len(names)), 2):
+            misfit[a, b] = misfit[b, a] = _misfit(recording[names[a]], recording[names[b]])
+        worn = np.array(list(permutations(range(len(names)))))
+        return cls(worn, np.sum([misfit[worn[:, a], worn[:, b]] for a, b in layout.joints.values()], axis=0))
+
+    @property
+    def margin(self) -> float:
+        """By how much the placement is worse than the best."""
+        return float(self.total[0] - self.total.min())
 
 
 def _mistake(segments: list[str]) -> NDArray[np.float64]:

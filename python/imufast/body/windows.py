@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from imufast.body.layout import Layout
 from imufast.body.reading import Reading
 from imufast.body.result import BodyJoint, BodyStatus, BodyWindow, LowerBody, worst
 from imufast.body.settings import LowerBodySettings
@@ -33,7 +34,7 @@ OVERLAP = 6
 MEAN_S = 0.1
 """Rates are averaged over so long before they are differentiated, s: impacts would outweigh motion."""
 QUIET_S = 1.0
-"""A piece in which the subject stands for so long says what is upright, s."""
+"""The quietest piece says what is upright, if the subject stands in it for so long, s."""
 
 
 def excerpt(recording: Recording, names: list[str], settings: LowerBodySettings) -> Recording | None:
@@ -64,7 +65,7 @@ def excerpt(recording: Recording, names: list[str], settings: LowerBodySettings)
         chosen[best] = True
         total = total + said[best]
     quiet = (fastest < STILL).sum(axis=1) * mean / rate_hz
-    if quiet.max() >= QUIET_S and quiet[chosen].max() < QUIET_S:
+    if quiet.max() >= QUIET_S:
         chosen[int(np.argmax(quiet))] = True
     rows = np.repeat(chosen, per_piece * mean)
     return _taken(recording, names, np.flatnonzero(rows))
@@ -72,7 +73,9 @@ def excerpt(recording: Recording, names: list[str], settings: LowerBodySettings)
 
 def through_windows(recording: Recording, informative: Recording, ask: Ask) -> LowerBody:
     """A long recording, window by window, with constants from its informative pieces."""
-    known = solve(informative, ask, BodyStart(informative, ask.layout), "constants")
+    begin = BodyStart(informative, ask.layout)
+    begin.up = _upright(recording, ask.layout, begin)
+    known = solve(informative, ask, begin, "constants")
     frames = Reading(known.recording, ask.layout, ask.anthropometry, known.start, known.rows, known.fit).frames
     edges = _windows(recording, ask.settings)
     names = list(ask.layout.placed.values())
@@ -108,6 +111,19 @@ def _information(rates: Array, time_s: Array) -> Array:
     # Across a break no rate is a slope.
     k *= (span < 1.5 * np.median(span))[:, :, None, None]
     return np.asarray(np.einsum("pmki,pmkj->pij", k, k))
+
+
+def _upright(recording: Recording, layout: Layout, begin: BodyStart) -> Array:
+    """(S, 3) what is upwards in each sensor while the subject stands, anywhere in the recording: what `BodyStart` says of a
+    piece, from accelerometers alone; where the subject never stands, what it says."""
+    quiet = np.ones(len(recording.time_s), dtype=bool)
+    for name in layout.placed.values():
+        quiet &= np.linalg.norm(recording[name].gyr, axis=1) < STILL
+    if quiet.sum() < recording.rate_hz:
+        return begin.up
+    felt = np.stack([recording[name].acc[quiet].mean(axis=0) for name in layout.placed.values()]) - begin.biases[:, 1]
+    up: Array = felt / np.linalg.norm(felt, axis=1, keepdims=True)
+    return up
 
 
 def _taken(recording: Recording, names: list[str], rows: NDArray[np.intp]) -> Recording:
