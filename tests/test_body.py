@@ -183,7 +183,14 @@ def test_a_caller_may_stop_the_search() -> None:
 def test_every_setting_changes_something(name: str) -> None:
     truth = simulate_lower_body("profile", seed=4, duration_s=25.0, rate_hz=50.0, packet_loss=0.01, soft_tissue=LegTissue())
     usual = LowerBodySettings()
-    other: dict[str, Any] = {"axes_std_deg": None, "max_iterations": 2, "tolerance": 5.0, "bridge_s": 0.05, "tail": 3.0}
+    other: dict[str, Any] = {
+        "axes_std_deg": None,
+        "max_iterations": 2,
+        "tolerance": 5.0,
+        "bridge_s": 0.05,
+        "tail": 3.0,
+        "window_s": 10.0,
+    }
     changed = replace(usual, **{name: other.get(name, 1.7 * getattr(usual, name))})
     placement = {k: v for k, v in truth.placement.items() if k == "pelvis" or k.endswith("left")}
     one, two = (estimate_lower_body(truth.recording, placement, settings=s) for s in (usual, changed))

@@ -61,11 +61,12 @@ def run(folder: Path) -> None:
     def load(name: str) -> Any:
         return np.load(folder / f"{name}.npy", mmap_mode="r")
 
+    before = peak_mb()
     time_s = load("time_s")
     names = sorted(path.name.split(".")[0] for path in folder.glob("*.gyr.npy"))
     recording = imufast.Recording({n: imufast.Imu(load(f"{n}.gyr"), load(f"{n}.acc"), time_s=time_s, name=n) for n in names})
     samples = sum(imu.gyr.nbytes + imu.acc.nbytes for imu in recording.values()) + time_s.nbytes
-    before, begun = peak_mb(), time.process_time()
+    begun = time.process_time()
     found = estimate_lower_body(recording, {n: n for n in names})
     took, peak = time.process_time() - begun, peak_mb()
     rows = np.searchsorted(time_s, found.time_s - 1e-9)
