@@ -138,7 +138,7 @@ class LowerBodySettings(Checked):
             "axes_std_deg": (0.1, 90.0),
             "center_std_m": (1e-3, math.inf),
             "tail": (1.0, math.inf),
-            "window_s": (10.0, math.inf),
+            "window_s": (5.0, math.inf),
             "tolerance": (1e-9, 10.0),
         }
         for name, (low, high) in ranges.items():
