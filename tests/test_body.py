@@ -189,7 +189,7 @@ def test_every_setting_changes_something(name: str) -> None:
         "tolerance": 5.0,
         "bridge_s": 0.05,
         "tail": 3.0,
-        "window_s": 10.0,
+        "window_s": 6.0,
     }
     changed = replace(usual, **{name: other.get(name, 1.7 * getattr(usual, name))})
     placement = {k: v for k, v in truth.placement.items() if k == "pelvis" or k.endswith("left")}
