@@ -485,4 +485,5 @@ class BodyProblem:
         descent: tuple[int, float, float],
         covariance: bool,
         watch: Callable[[int, float, float, float], object] | None = None,
+        held: NDArray[np.float64] | None = None,
     ) -> BodyFit: ...

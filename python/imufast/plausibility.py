@@ -22,6 +22,8 @@ __all__ = [
     "STANDARD_GRAVITY",
     "Units",
     "check_plausible",
+    "check_units",
+    "dead_channels",
     "median_rate",
     "parse_unit",
     "parse_units",
@@ -229,6 +231,33 @@ def check_plausible(gyr: Array, acc: Array, rate_hz: float, name: str, units: Un
             messages += _repeats(gyr_edge, acc_edge, rate_hz)
     for message in messages:
         warn_user(f"imu {name!r}: {message}")
+
+
+def check_units(gyr: Array, acc: Array, rate_hz: float, name: str) -> str | None:
+    """As `check_plausible`, where a wrong unit would spoil all that follows: what is wrong with the scale of gyr, or None.
+
+    Raises UnitError where gravity is off, whatever unit was stated. Less than a second of data is not judged.
+    """
+    if len(gyr) < max(rate_hz, 10.0):
+        return None
+    tenth = max(1, round(0.1 * rate_hz))
+    with np.errstate(all="ignore"):
+        (gyr_blocks, _), (acc_blocks, _) = (_blocks(x, 5 * tenth) for x in (gyr, acc))
+        _check_gravity(acc_blocks, 5 * tenth, name, stated=False)
+        return next(iter(_gyro_scale(gyr_blocks, acc_blocks, tenth, rate_hz)), None)
+
+
+def dead_channels(gyr: Array, acc: Array) -> list[str]:
+    """The signals, or single channels of them, that never change."""
+    dead = _dead(gyr[None], acc[None])
+    if dead:
+        return dead
+    return [
+        f"{signal}[:, {axis}] ({letter}) never changes: a dead channel"
+        for signal, rows in (("gyr", gyr), ("acc", acc))
+        for axis, letter in enumerate("xyz")
+        if (rows[:, axis] == rows[0, axis]).all()
+    ]
 
 
 def _blocks(rows: Array, window: int) -> tuple[Array, Array]:

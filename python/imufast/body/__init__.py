@@ -3,7 +3,7 @@
 from imufast.body.estimate import estimate_lower_body
 from imufast.body.layout import JOINTS, SEGMENTS
 from imufast.body.placement import Placement, read_placement
-from imufast.body.result import BodyJoint, BodyStatus, LowerBody
+from imufast.body.result import BodyJoint, BodyStatus, BodyWindow, LowerBody
 from imufast.body.settings import Anthropometry, LowerBodySettings
 
 __all__ = [
@@ -12,6 +12,7 @@ __all__ = [
     "Anthropometry",
     "BodyJoint",
     "BodyStatus",
+    "BodyWindow",
     "LowerBody",
     "LowerBodySettings",
     "Placement",

@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from imufast import _core
-from imufast.body.anatomy import positions, signed
+from imufast.body.checks import alive, legs_swapped, misplaced, stands_still
 from imufast.body.layout import layout
-from imufast.body.problem import problem
 from imufast.body.reading import Reading
-from imufast.body.result import LowerBody
+from imufast.body.result import BodyJoint, BodyStatus, LowerBody, together
 from imufast.body.settings import Anthropometry, LowerBodySettings
-from imufast.body.start import BodyStart
+from imufast.body.solve import Ask, Progress, solve
+from imufast.body.start import STILL, BodyStart
+from imufast.body.windows import excerpt, through_windows
 from imufast.errors import InputError, SettingsError
 from imufast.imu import Recording
 
 __all__ = ["estimate_lower_body"]
 
-Array = NDArray[np.float64]
-Progress = Callable[[int, float, float, float], object]
+LEAST_S = 5.0
+"""Less cannot show how a body moves, s."""
 
 
 def estimate_lower_body(
@@ -37,27 +38,28 @@ def estimate_lower_body(
     Each joint is first calibrated and tracked by its two sensors alone; from there one maximum a posteriori search over all
     sensors, joints and the body's measures (eqs 4-18).
 
-    Stated standard deviations of angles, centres and lengths count what no sensor shows, too: how far soft tissue turns and
-    shifts the sensors in step with the movement (`settings.soft_tissue_deg`, `soft_tissue_m`), and how upright a pelvis and a
-    foot stand whose frames are taken from standing. Impacts that are faster than the samples follow widen the increments they
-    fall into.
-
-    Not finished: swapped or dead sensors are not found out.
+    Not finished: on a real walking person the search has not converged yet, and stated standard deviations are too small where
+    soft tissue moves (`why` and `joints` name contradictions).
 
     Args:
         recording: all sensors on one time base.
         placement: segment to sensor name; segments are "pelvis", "thigh_right", "shank_right", "foot_right", "thigh_left" ...
-            Missing feet, a missing leg or a missing pelvis with a single leg make a smaller model.
+            Missing feet, a missing leg or a missing pelvis make a smaller model; without a pelvis each leg has a heading and a
+            place of its own.
         anthropometry: lengths and angles of the subject; default the population's.
         settings: default `LowerBodySettings()`.
-        progress: called with (iteration, cost, fall that the step promised, damping) after each iteration; may raise to stop.
+        progress: called with (iteration, cost, fall that the step promised, damping, stage) after each iteration; the stage is
+            "whole", or of a long recording "constants", "window 1 of 30" ...; may raise to stop.
 
     Returns:
-        LowerBody. What the motion leaves open is said joint by joint, not raised.
+        LowerBody. What the motion leaves open is said joint by joint, not raised; sensors that look swapped are a status, and
+        so is a subject who stands still (then every standard deviation is infinite). A stretch in which a sensor is frozen is
+        a gap to all.
 
     Raises:
-        InputError: not a recording; a placement that names no segment or sensor, uses a sensor twice, or leaves segments
-            unconnected; less than 5 s.
+        InputError: not a recording; a placement that names no segment or sensor, uses a sensor twice, or leaves a segment
+            without a neighbour; a dead sensor; less than 5 s.
+        UnitError: a sensor whose numbers are not in SI.
         SettingsError: not an Anthropometry or LowerBodySettings.
     """
     placed = layout(recording, placement)
@@ -65,49 +67,46 @@ def estimate_lower_body(
         raise SettingsError(f"anthropometry must be an Anthropometry or None, got {type(anthropometry).__name__}")
     if settings is not None and not isinstance(settings, LowerBodySettings):
         raise SettingsError(f"settings must be a LowerBodySettings or None, got {type(settings).__name__}")
-    if recording.time_s[-1] - recording.time_s[0] < LEAST_S:
-        raise InputError(f"recording lasts {recording.time_s[-1] - recording.time_s[0]:.3g} s; give at least 5 s of motion")
     measures, how = anthropometry or Anthropometry(), settings or LowerBodySettings()
-    start = BodyStart(recording, placed)
-    graph = problem(recording, placed, measures, how, start.biases)
-    rows = graph.samples.astype(np.intp)
-    q = np.ascontiguousarray(start.q[rows])
-    centers, axes = start.constants(measures)
-    axes = signed(placed, q, centers, axes, start.up)
-    position = positions(placed, q, centers)
-    time_s = recording.time_s[rows]
-    state: dict[str, Array] = {
-        "q": q,
-        "velocity": np.gradient(position, time_s, axis=0) if len(time_s) > 1 else np.zeros_like(position),
-        "position": position,
-        "gyr_bias": np.tile(start.biases[:, 0], (len(rows), 1, 1)),
-        "acc_bias": np.tile(start.biases[:, 1], (len(rows), 1, 1)),
-        "centers": centers,
-        "axes": axes,
+    recording, why = alive(recording, placed)
+    if recording.time_s[-1] - recording.time_s[0] < LEAST_S:
+        lasts = f"{recording.time_s[-1] - recording.time_s[0]:.3g} s"
+        raise InputError("; ".join([f"recording lasts {lasts}; give at least 5 s of motion", *why]))
+    still = stands_still(recording, placed)
+    pieces = excerpt(recording, list(placed.placed.values()), how)
+    swapped = [] if still else misplaced(pieces or recording, placed)
+    found = together([_part(recording, pieces, Ask(part, measures, how, progress)) for part in placed.parts()])
+    if still:
+        return _unseen(found, [*why, f"the subject stands still: no sensor turns faster than {STILL:g} rad/s"])
+    hips = {name: joint.in_sensors[0] for name, joint in found.joints.items() if name.startswith("hip")}
+    swapped += legs_swapped(placed, found.q, hips, found.knee_axis)
+    status = BodyStatus.PLACEMENT_CONTRADICTED if swapped else found.status
+    return replace(found, status=status, why=(*swapped, *why, *found.why), placement=dict(placed.placed))
+
+
+def _part(recording: Recording, pieces: Recording | None, ask: Ask) -> LowerBody:
+    """Segments that joints connect."""
+    if pieces is not None:
+        return through_windows(recording, pieces, ask)
+    found = solve(recording, ask, BodyStart(recording, ask.layout), "whole")
+    reading = Reading(recording, ask.layout, ask.anthropometry, found.start, found.rows, found.fit, ask.settings)
+    return reading.read(found.history, list(found.why))
+
+
+def _unseen(found: LowerBody, why: list[str]) -> LowerBody:
+    """A body of which nothing is known: what was assumed beforehand is no measurement."""
+    stds: dict[str, Any] = {
+        name: {side: np.full_like(std, np.inf) for side, std in getattr(found, name).items()}
+        for name in ("knee_std_deg", "hip_std_deg", "ankle_std_deg")
     }
-    fit = _search(graph, state, how, progress)
-    why: list[str] = []
-    history = [fit.trials]
-    again = signed(placed, fit.q, fit.centers, fit.axes, start.up)
-    if not np.array_equal(again, fit.axes):
-        # An axis that pointed to the left has pushed the knee's centre aside: search once more.
-        state = {name: getattr(fit, name) for name in STATE} | {"axes": again}
-        fit = _search(graph, state, how, progress)
-        history.append(fit.trials)
-        why.append("a knee's axis was turned round and the search repeated")
-    return Reading(recording, placed, measures, start, rows, fit, how).read(np.concatenate(history), why)
+    joints = {name: _open(joint, why[-1]) for name, joint in found.joints.items()}
+    lengths = {name: (length, float("inf")) for name, (length, _) in found.lengths_m.items()}
+    stds["pelvis_std_deg"] = np.full_like(found.pelvis_std_deg, np.inf)
+    return replace(found, **stds, joints=joints, lengths_m=lengths, status=BodyStatus.NOT_OBSERVABLE, why=tuple(why))
 
 
-STATE = ("q", "velocity", "position", "gyr_bias", "acc_bias", "centers", "axes")
-LEAST_S = 5.0
-"""Less cannot show how a body moves, s."""
-
-
-def _search(
-    graph: _core.BodyProblem, state: Mapping[str, Array], settings: LowerBodySettings, progress: Progress | None
-) -> _core.BodyFit:
-    q, velocity, position, gyr_bias, acc_bias, centers, axes = (
-        np.ascontiguousarray(state[name], dtype=np.float64) for name in STATE
-    )
-    descent = (settings.max_iterations, settings.tolerance, 1e-3)
-    return graph.minimise(q, velocity, position, gyr_bias, acc_bias, centers, axes, descent, True, progress)
+def _open(joint: BodyJoint, why: str) -> BodyJoint:
+    unknown: dict[str, Any] = {
+        name: np.full_like(getattr(joint, name), np.inf) for name in ("heading_std_deg", "in_sensors_std")
+    }
+    return replace(joint, **unknown, determined=False, why=(why,))

@@ -37,6 +37,17 @@ class Layout:
         self.joints = {name: (index[a], index[b]) for name, (a, b) in JOINTS.items() if a in index and b in index}
         self.names = list(self.joints)
 
+    def parts(self) -> list[Layout]:
+        """The layouts of the parts that no joint connects: without a pelvis both legs."""
+        part = list(range(len(self.segments)))
+        # Segments and joints go from the pelvis down, so the upper one's part is settled.
+        for upper, lower in self.joints.values():
+            part[lower] = part[upper]
+        return [
+            Layout({s: n for (s, n), k in zip(self.placed.items(), part, strict=True) if k == root})
+            for root in sorted(set(part))
+        ]
+
     def seen(self, joint: str, segment: str) -> tuple[int, int] | None:
         """Joint and side, as the core counts them; None where the joint or the segment is not in the model."""
         if joint not in self.joints:
@@ -61,8 +72,8 @@ def layout(recording: object, placement: object) -> Layout:
     """The checked placement.
 
     Raises:
-        InputError: not a recording; a placement that names no segment or sensor, uses a sensor twice, or leaves segments
-            unconnected.
+        InputError: not a recording; a placement that names no segment or sensor, uses a sensor twice, or leaves a segment
+            without a neighbour.
     """
     if not isinstance(recording, Recording):
         raise InputError(f"recording must be a Recording, got {type(recording).__name__}; imufast.read(...) makes one")
@@ -79,13 +90,13 @@ def layout(recording: object, placement: object) -> Layout:
         if names.count(name) > 1:
             twice = [segment for segment in placed if placed[segment] == name]
             raise InputError(f"placement uses sensor {name!r} for {' and '.join(twice)}; each segment needs its own")
-    lower = {b for a, b in JOINTS.values() if a in placed and b in placed}
-    roots = [segment for segment in placed if segment not in lower]
     if len(placed) < 2:
         raise InputError("placement must have two segments that share a joint at least")
-    if len(roots) > 1:
+    found = Layout(placed)
+    alone = [part.segments[0] for part in found.parts() if not part.joints]
+    if alone:
         raise InputError(
-            f"placement leaves {' and '.join(roots)} unconnected: segments between them have no sensor; "
-            "estimate each part alone"
+            f"placement leaves {' and '.join(alone)} unconnected: no neighbour has a sensor; "
+            f"leave {alone[0]!r} out of the placement"
         )
-    return Layout(placed)
+    return found

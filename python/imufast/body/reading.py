@@ -39,7 +39,7 @@ MCGRATH = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 
 
 class Reading:
-    """A fit beside what it was made from."""
+    """A fit beside what it was made from; `known`: frames (sensor to (3, 3), segment to sensor) found elsewhere."""
 
     def __init__(
         self,
@@ -50,12 +50,13 @@ class Reading:
         rows: Rows,
         fit: _core.BodyFit,
         settings: LowerBodySettings,
+        known: dict[int, Array] | None = None,
     ) -> None:
         self.recording, self.layout, self.anthropometry, self.start = recording, layout, anthropometry, start
         self.rows, self.fit, self.turned = rows, fit, matrix(fit.q)
         self.settings = settings
-        self.measured: set[int] = set()
-        self.frames = self.all_frames()
+        self.measured = set(frames(layout, fit.centers, fit.axes, start.up))
+        self.frames = self.all_frames() if known is None else known
         self.turns = self.turns_of_frames()
         self.loose = self.all_loose()
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from imufast import _core
 from imufast.body.layout import Layout
 from imufast.body.settings import Anthropometry, LowerBodySettings
 
-__all__ = ["KINDS", "residuals"]
+__all__ = ["KINDS", "over_windows", "residuals"]
 
 Array = NDArray[np.float64]
 
@@ -78,6 +78,18 @@ def residuals(
             std = getattr(measures, f"{kind}_difference_m")
             found["length_difference"][kind] = (length - lengths[other][0]) / std
     return {kind: values for kind, values in found.items() if values}
+
+
+def over_windows(parts: Sequence[Mapping[str, Mapping[str, float]]], moments: Sequence[int]) -> dict[str, dict[str, float]]:
+    """Residuals of a recording from those of its windows, which have so many moments each; what all have alike stays."""
+    found: dict[str, dict[str, float]] = {}
+    for kind, first in parts[0].items():
+        for name in first:
+            pairs = [(part[kind][name], n) for part, n in zip(parts, moments, strict=True) if name in part.get(kind, {})]
+            values, weights = (np.array(column, dtype=np.float64) for column in zip(*pairs, strict=True))
+            mean = float(np.sqrt(np.average(values**2, weights=weights)))
+            found.setdefault(kind, {})[name] = mean if kind in KINDS[:6] else float(values[0])
+    return found
 
 
 def _root(names: Iterable[str], sums: Array, counts: NDArray[np.int64]) -> dict[str, float]:

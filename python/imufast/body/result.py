@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from enum import Enum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from imufast.body.settings import Anthropometry, LowerBodySettings
 from imufast.samples import ReadOnly
 
-__all__ = ["BodyJoint", "BodyStatus", "LowerBody"]
+__all__ = ["BodyJoint", "BodyStatus", "BodyWindow", "LowerBody", "together", "worst"]
 
 Array = NDArray[np.float64]
 
@@ -29,6 +30,8 @@ class BodyStatus(str, Enum):
     """The motion determines no joint."""
     NUMERICAL_ERROR = "NUMERICAL_ERROR"
     """The numbers overflow; are they in the right unit?"""
+    PLACEMENT_CONTRADICTED = "PLACEMENT_CONTRADICTED"
+    """The sensors are not where the placement says: `why` names them. The numbers are of no use."""
 
     def __str__(self) -> str:
         return self.value
@@ -54,6 +57,24 @@ class BodyJoint(ReadOnly):
     heading_drift_deg: float
     determined: bool
     why: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class BodyWindow:
+    """One window of a long recording.
+
+    Attributes:
+        start_s, stop_s: first and last moment that the result has from it, s.
+        status: what became of its search.
+        why: what the reader should know of it.
+        iterations: linear systems solved.
+    """
+
+    start_s: float
+    stop_s: float
+    status: BodyStatus
+    why: tuple[str, ...]
+    iterations: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +107,8 @@ class LowerBody:
             of its residual over its standard deviation; much more than 1 contradicts what was assumed.
         history: (T, 5) of these: cost before, after, promised fall, damping, whether taken.
         placement, anthropometry, settings: what it was made with.
+        windows: of a long recording, one after the other; empty where it was solved whole. `cost` is then their sum, and the
+            constants (centres, axes, lengths) are those of its informative pieces.
     """
 
     time_s: Array = field(repr=False)
@@ -112,3 +135,52 @@ class LowerBody:
     placement: dict[str, str] = field(repr=False)
     anthropometry: Anthropometry = field(repr=False)
     settings: LowerBodySettings = field(repr=False)
+    windows: tuple[BodyWindow, ...] = field(default=(), repr=False)
+
+
+def worst(*all_of: BodyStatus) -> BodyStatus:
+    """The status of what has several parts: a search that failed in one has failed; what is not observable in one may be in
+    others."""
+    ranks = (
+        BodyStatus.PLACEMENT_CONTRADICTED,
+        BodyStatus.NUMERICAL_ERROR,
+        BodyStatus.STALLED,
+        BodyStatus.MAX_ITERATIONS,
+        BodyStatus.CONVERGED,
+        BodyStatus.NOT_OBSERVABLE,
+    )
+    return min(all_of, key=ranks.index)
+
+
+def together(parts: list[LowerBody]) -> LowerBody:
+    """One result of parts that no joint connects, each with a heading and a place of its own."""
+    first = parts[0]
+    merged: dict[str, Any] = {}
+    for item in fields(LowerBody):
+        values = [getattr(part, item.name) for part in parts]
+        if isinstance(values[0], dict):
+            merged[item.name] = {key: value for part in values for key, value in part.items()}
+    merged["residuals"] = {
+        kind: {name: value for part in parts for name, value in part.residuals.get(kind, {}).items()}
+        for kind in dict.fromkeys(kind for part in parts for kind in part.residuals)
+    }
+    windows = tuple(
+        BodyWindow(
+            same[0].start_s,
+            same[0].stop_s,
+            worst(*(window.status for window in same)),
+            tuple(dict.fromkeys(why for window in same for why in window.why)),
+            sum(window.iterations for window in same),
+        )
+        for same in zip(*(part.windows for part in parts), strict=True)
+    )
+    return replace(
+        first,
+        **merged,
+        status=worst(*(part.status for part in parts)),
+        why=tuple(dict.fromkeys(why for part in parts for why in part.why)),
+        cost=sum(part.cost for part in parts),
+        iterations=sum(part.iterations for part in parts),
+        history=np.concatenate([part.history for part in parts]),
+        windows=windows,
+    )

@@ -95,6 +95,9 @@ class LowerBodySettings(Checked):
         center_std_m: joint centres around what `track` finds, m; default 0.1.
         tail: degrees of freedom of Student's t for joints and hinges; inf: Gaussian. Default 5.
         max_iterations: linear systems to solve. Default 60.
+        window_s: recordings longer than 2.5 of these, recorded time, are solved in overlapping windows this long, s, with joint
+            centres and knee axes from the most informative two windows' worth; large costs memory and forgets nothing.
+            Default 120.
         tolerance: the search ends where a step promises less than this in log-likelihood, or less than a millionth of the
             cost. Default 1e-3.
 
@@ -120,6 +123,7 @@ class LowerBodySettings(Checked):
     center_std_m: float = 0.1
     tail: float = 5.0
     max_iterations: int = 60
+    window_s: float = 120.0
     tolerance: float = 1e-3
 
     def __post_init__(self) -> None:
@@ -141,6 +145,7 @@ class LowerBodySettings(Checked):
             "soft_tissue_m": (0.0, 1.0),
             "center_std_m": (1e-3, math.inf),
             "tail": (1.0, math.inf),
+            "window_s": (5.0, math.inf),
             "tolerance": (1e-9, 10.0),
         }
         for name, (low, high) in ranges.items():

@@ -42,8 +42,13 @@ class JointStart:
     seen: bool
 
 
-def joint_start(upper: Imu, lower: Imu, knee: bool) -> JointStart:
-    """A joint from its two sensors."""
+def joint_start(upper: Imu, lower: Imu, knee: bool, before: JointStart | None = None) -> JointStart:
+    """A joint from its two sensors; centre and axis are those from `before`, where it is given, and biases start there."""
+    if before is not None:
+        rel = track(upper, lower, before.rel.calibration)
+        found = rel.calibration
+        biases = np.stack([[found.gyr_bias1, found.acc_bias1], [found.gyr_bias2, found.acc_bias2]])
+        return JointStart(rel, before.centers, before.axes, biases, rel.status is TrackStatus.TRACKED)
     known = calibrate_joint(upper, lower, joint="hinge" if knee else "ball")
     rel = track(upper, lower, known)
     found = rel.calibration
@@ -60,6 +65,10 @@ def joint_start(upper: Imu, lower: Imu, knee: bool) -> JointStart:
 class BodyStart:
     """All joints together.
 
+    Args:
+        recording, layout: the sensors and where they are.
+        before: the start from other stretches of the same recording: its joint centres, axes and uprights are kept.
+
     Attributes:
         joints: joint to what its two sensors alone say.
         biases: (S, 2, 3) gyroscope and accelerometer biases, rad/s and m/s²: the mean of what the joints of a sensor say.
@@ -68,10 +77,13 @@ class BodyStart:
         stood: whether the subject stood still for a second.
     """
 
-    def __init__(self, recording: Recording, layout: Layout) -> None:
+    def __init__(self, recording: Recording, layout: Layout, before: BodyStart | None = None) -> None:
         self.layout = layout
         imus = [recording[name] for name in layout.placed.values()]
-        self.joints = {name: joint_start(imus[a], imus[b], name.startswith("knee")) for name, (a, b) in layout.joints.items()}
+        self.joints: dict[str, JointStart] = {
+            name: joint_start(imus[a], imus[b], name.startswith("knee"), None if before is None else before.joints[name])
+            for name, (a, b) in layout.joints.items()
+        }
         total, count = np.zeros((len(imus), 2, 3)), np.zeros((len(imus), 1, 1))
         for name, pair in layout.joints.items():
             for side, sensor in enumerate(pair):
@@ -82,11 +94,15 @@ class BodyStart:
         self.q[:, 0] = _upright(imus[0], self.biases[0, 0])
         for name, (upper, lower) in layout.joints.items():
             self.q[:, lower] = multiply(self.q[:, upper], self.joints[name].rel.q_12)
+        if before is not None:
+            self.up: Array = before.up
+            self.stood: bool = before.stood
+            return
         quiet = np.max([np.linalg.norm(imu.gyr, axis=1) for imu in imus], axis=0) < STILL
         self.stood = bool(quiet.sum() >= recording.rate_hz)
         rows = quiet if self.stood else np.ones(len(quiet), dtype=bool)
         up = matrix(self.q[rows])[:, :, 2, :].mean(axis=0)
-        self.up: Array = up / np.linalg.norm(up, axis=1, keepdims=True)
+        self.up = up / np.linalg.norm(up, axis=1, keepdims=True)
 
     def constants(self, anthropometry: Anthropometry) -> tuple[Array, Array]:
         """Joint centres and axes; a bone of an impossible length is replaced by the usual one along the upright."""

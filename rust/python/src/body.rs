@@ -12,7 +12,7 @@ use imufast_core::{
     },
 };
 use numpy::{
-    IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray3, PyUntypedArrayMethods,
+    IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods,
     nalgebra::{Quaternion, UnitQuaternion, Vector3},
     ndarray::{Array2, Array3},
 };
@@ -167,8 +167,8 @@ impl BodyProblem {
     }
 
     /// The most probable state from a start: `q` (K, S, 4), `velocity`, `position`, `gyr_bias`, `acc_bias` (K, S, 3), `centers`,
-    /// `axes` (J, 2, 3). `watch`, where given, is called with (trial, cost, promised, damping) and may raise to stop.
-    #[pyo3(signature = (q, velocity, position, gyr_bias, acc_bias, centers, axes, descent, covariance, watch=None))]
+    /// `axes` (J, 2, 3). `held` (C, C), where given, is the covariance of constants that stay as they are. `watch`, where given, is called with (trial, cost, promised, damping) and may raise to stop.
+    #[pyo3(signature = (q, velocity, position, gyr_bias, acc_bias, centers, axes, descent, covariance, watch=None, held=None))]
     #[expect(clippy::too_many_arguments, reason = "one call from one place in Python, all by position")]
     fn minimise(
         &self,
@@ -183,6 +183,7 @@ impl BodyProblem {
         descent: (usize, f64, f64),
         covariance: bool,
         watch: Option<Py<PyAny>>,
+        held: Option<PyReadonlyArray2<'_, f64>>,
     ) -> PyResult<BodyFit> {
         let (moments, sensors, joints) = (self.moments.len(), self.model.sensors, self.model.joints.len());
         let turned = flat(&q, [moments, sensors, 4], "q")?.as_chunks::<4>().0;
@@ -220,11 +221,26 @@ impl BodyProblem {
             })
             .collect();
         let start = State { motions, centers, axes };
+        let constants = self.model.constants();
+        let held = match &held {
+            None => None,
+            Some(array) => match (array.shape() == [constants, constants], array.as_slice()) {
+                (true, Ok(rows)) if array.is_c_contiguous() && rows.iter().all(|v| v.is_finite()) => Some(rows.to_vec()),
+                _ => {
+                    return Err(PyValueError::new_err(format!(
+                        "held must be a C-contiguous float64 array of shape [{constants}, {constants}] of finite numbers, got \
+                         shape {:?}",
+                        array.shape()
+                    )));
+                }
+            },
+        };
         let (max_iterations, tolerance, damping) = descent;
         let descent = Descent { max_iterations, tolerance, damping };
         let mut raised: Option<PyErr> = None;
         let (end, known, squares) = py.detach(|| {
-            let problem = Problem::new(&self.model, &self.moments, &start);
+            let mut problem = Problem::new(&self.model, &self.moments, &start);
+            problem.held = held;
             let mut number = 0;
             let mut told = |trial: &Trial| {
                 number += 1;

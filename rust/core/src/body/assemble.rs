@@ -26,7 +26,13 @@ pub struct Problem<'a> {
     pub centers: Vec<[Vector3<f64>; 2]>,
     /// Where each stretch begins, and the gauge there.
     pub gauges: Vec<(usize, Gauge)>,
+    /// Where other data have said what the constants are: their covariance, by rows. They are then held, and only how uncertain
+    /// they are enters the uncertainty of all else (Schmidt 1966).
+    pub held: Option<Vec<f64>>,
 }
+
+/// Information that holds a constant, 1/m² and 1/rad².
+const HELD: f64 = 1e18;
 
 /// Steps of this size are usual: rotation (rad), velocity (m/s), position (m), gyroscope (rad/s) and accelerometer bias (m/s²).
 /// Damping is measured by them. The diagonal of the system would not do: a chain hardly resists moving as a whole, however stiff
@@ -48,6 +54,7 @@ impl Problem<'_> {
             moments,
             centers: start.centers.clone(),
             gauges: begin.map(|k| (k, Gauge::of(&start.motions[k * sensors]))).collect(),
+            held: None,
         }
     }
 
@@ -166,7 +173,7 @@ impl Problem<'_> {
         }
         // What is open shall not stop the elimination: nothing is known of a joint centre beyond a kilometre.
         for i in 0..constants {
-            corner[upper(i / N, i / N)].0[i % N][i % N] += 1e-6;
+            corner[upper(i / N, i / N)].0[i % N][i % N] += if self.held.is_some() { HELD } else { 1e-6 };
         }
     }
 

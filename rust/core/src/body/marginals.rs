@@ -46,10 +46,14 @@ pub fn border_covariance(band: &Band) -> Option<Vec<f64>> {
     Some(covariance)
 }
 
-/// Tells `take` the marginals of each node of an eliminated band, the last first. Returns the covariance of the border.
-pub fn marginals(band: &Band, mut take: impl FnMut(usize, &Marginal<'_>)) -> Option<Vec<f64>> {
+/// Tells `take` the marginals of each node of an eliminated band, the last first. Returns the covariance of the border: that
+/// which is `stated`, where it is, else what the band says.
+pub fn marginals(band: &Band, stated: Option<&[f64]>, mut take: impl FnMut(usize, &Marginal<'_>)) -> Option<Vec<f64>> {
     let (s, wide, n, width, tri) = (band.sensors, band.wide, band.constants, band.width(), triangle(band.sensors));
-    let covariance = border_covariance(band)?;
+    let covariance = match stated {
+        Some(covariance) => covariance.to_vec(),
+        None => border_covariance(band)?,
+    };
     let mut border = vec![Tile::ZERO; wide * wide];
     for i in 0..n {
         for j in 0..n {

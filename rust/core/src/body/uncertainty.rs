@@ -16,7 +16,7 @@ pub struct Uncertainty {
     pub constants: Vec<f64>,
 }
 
-/// The covariance at a minimum, as the curvature says; None where the curvature is not positive.
+/// The covariance at a minimum, as the curvature says, with constants that are held as uncertain as was stated; None where the curvature is not positive.
 pub fn uncertainty(problem: &Problem<'_>, state: &State) -> Option<Uncertainty> {
     let (model, count) = (problem.model, problem.moments.len());
     let (joints, constants) = (model.joints.len(), model.constants());
@@ -29,7 +29,7 @@ pub fn uncertainty(problem: &Problem<'_>, state: &State) -> Option<Uncertainty> 
         beside: vec![0.0; count * joints * 6 * constants],
         constants: Vec::new(),
     };
-    found.constants = marginals(&band, |k, marginal| {
+    found.constants = marginals(&band, problem.held.as_deref(), |k, marginal| {
         for (j, joint) in model.joints.iter().enumerate() {
             let own = &mut found.joints[k * joints + j];
             for a in 0..6 {

@@ -98,7 +98,7 @@ fn marginals_are_blocks_of_the_inverse() {
         let inverse = h.try_inverse().expect("it is positive definite");
         let border = count * sensors * N;
         let mut seen = 0;
-        let covariance = marginals(&band, |k, marginal| {
+        let covariance = marginals(&band, None, |k, marginal| {
             seen += 1;
             for i in 0..sensors {
                 for a in 0..N {

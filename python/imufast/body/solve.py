@@ -1,0 +1,115 @@
+"""One search over one recording: from the start to the most probable body."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imufast import _core
+from imufast.body.anatomy import positions, signed
+from imufast.body.layout import Layout
+from imufast.body.problem import problem
+from imufast.body.settings import Anthropometry, LowerBodySettings
+from imufast.body.start import BodyStart
+from imufast.imu import Recording
+
+__all__ = ["Ask", "Progress", "Solved", "solve"]
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, float, float, float, str], object]
+STATE = ("q", "velocity", "position", "gyr_bias", "acc_bias", "centers", "axes")
+
+
+@dataclass(frozen=True)
+class Ask:
+    """What a caller of `estimate_lower_body` has asked for, besides the recording."""
+
+    layout: Layout
+    anthropometry: Anthropometry
+    settings: LowerBodySettings
+    progress: Progress | None
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """A search and its end.
+
+    Attributes:
+        recording: what it saw.
+        start: where it started.
+        rows: (K,) the samples of its moments.
+        fit: what it found.
+        history: (T, 5) of its linear systems.
+        why: what the reader should know.
+    """
+
+    recording: Recording
+    start: BodyStart
+    rows: NDArray[np.intp]
+    fit: _core.BodyFit
+    history: Array
+    why: tuple[str, ...]
+
+
+def solve(recording: Recording, ask: Ask, start: BodyStart, stage: str, held: _core.BodyFit | None = None) -> Solved:
+    """The most probable body.
+
+    Args:
+        recording: of one layout.
+        ask: what is wanted.
+        start: where to start, of this recording.
+        stage: what `progress` is told that this search is.
+        held: an earlier fit, whose constants (joint centres and axes) stay as they are, as uncertain as it says. Default
+            None: they are searched for, and the search is repeated where an axis turns out to point to the left.
+    """
+    placed, how = ask.layout, ask.settings
+    graph = problem(recording, placed, ask.anthropometry, how, start.biases)
+    rows = graph.samples.astype(np.intp)
+    q = np.ascontiguousarray(start.q[rows])
+    if held is None:
+        centers, axes = start.constants(ask.anthropometry)
+        axes = signed(placed, q, centers, axes, start.up)
+    else:
+        centers, axes = held.centers, held.axes
+    position = positions(placed, q, centers)
+    time_s = recording.time_s[rows]
+    state: dict[str, Array] = {
+        "q": q,
+        "velocity": np.gradient(position, time_s, axis=0) if len(time_s) > 1 else np.zeros_like(position),
+        "position": position,
+        "gyr_bias": np.tile(start.biases[:, 0], (len(rows), 1, 1)),
+        "acc_bias": np.tile(start.biases[:, 1], (len(rows), 1, 1)),
+        "centers": centers,
+        "axes": axes,
+    }
+    covariance = None if held is None else held.constants_covariance
+    fit = _search(graph, state, ask, stage, covariance)
+    why: list[str] = []
+    history = [fit.trials]
+    if held is None:
+        again = signed(placed, fit.q, fit.centers, fit.axes, start.up)
+        if not np.array_equal(again, fit.axes):
+            # An axis that pointed to the left has pushed the knee's centre aside: search once more.
+            state = {name: getattr(fit, name) for name in STATE} | {"axes": again}
+            fit = _search(graph, state, ask, stage, None)
+            history.append(fit.trials)
+            why.append("a knee's axis was turned round and the search repeated")
+    return Solved(recording, start, rows, fit, np.concatenate(history), tuple(why))
+
+
+def _search(graph: _core.BodyProblem, state: dict[str, Array], ask: Ask, stage: str, covariance: Array | None) -> _core.BodyFit:
+    q, velocity, position, gyr_bias, acc_bias, centers, axes = (
+        np.ascontiguousarray(state[name], dtype=np.float64) for name in STATE
+    )
+    descent = (ask.settings.max_iterations, ask.settings.tolerance, 1e-3)
+    progress, watch = ask.progress, None
+    if progress is not None:
+
+        def watch(iteration: int, cost: float, promised: float, damping: float) -> None:
+            progress(iteration, cost, promised, damping, stage)
+
+    held = None if covariance is None else np.ascontiguousarray(covariance)
+    return graph.minimise(q, velocity, position, gyr_bias, acc_bias, centers, axes, descent, True, watch, held)
