@@ -38,8 +38,13 @@ def estimate_lower_body(
     Each joint is first calibrated and tracked by its two sensors alone; from there one maximum a posteriori search over all
     sensors, joints and the body's measures (eqs 4-18).
 
-    Not finished: on a real walking person the search has not converged yet, and stated standard deviations are too small where
-    soft tissue moves (`why` and `joints` name contradictions).
+    Stated standard deviations of angles, centres and lengths count what no sensor shows, too: how far soft tissue turns and
+    shifts the sensors in step with the movement (`settings.soft_tissue_deg`, `soft_tissue_m`), and how upright a pelvis and a
+    foot stand whose frames are taken from standing. Impacts that are faster than the samples follow widen the increments they
+    fall into.
+
+    A long recording is cut into overlapping windows (`settings.window_s`), so that memory stays flat: joint centres and axes
+    come from its most informative pieces together.
 
     Args:
         recording: all sensors on one time base.
