@@ -130,7 +130,7 @@ def test_impacts_between_samples_are_survived() -> None:
         acc = truth.acc[name] + hit * rng.normal(0.0, 20.0, truth.acc[name].shape)
         imus[name] = Imu(truth.gyr[name], acc, time_s=truth.time_s, name=name)
     found = estimate_lower_body(Recording(imus), truth.placement)
-    assert found.status in (BodyStatus.CONVERGED, BodyStatus.NOT_OBSERVABLE)
+    assert found.status is BodyStatus.CONVERGED
     for side in SIDES:
         off = error(found, truth, "knee", side)
         assert np.std(off, axis=0).max() < 1.0
@@ -197,7 +197,7 @@ def test_a_subject_who_stands_still_shows_nothing() -> None:
     truth = simulate_lower_body("standing", seed=1, duration_s=12.0, rate_hz=50.0)
     found = estimate_lower_body(truth.recording, truth.placement)
     assert not any(joint.determined for joint in found.joints.values())
-    assert found.status in (BodyStatus.NOT_OBSERVABLE, BodyStatus.MAX_ITERATIONS)
+    assert found.status is BodyStatus.NOT_OBSERVABLE
 
 
 def test_a_caller_may_stop_the_search() -> None:

@@ -11,7 +11,7 @@ from imufast.body.bands import angles_deg, between, pelvis_deg, pelvis_std_deg, 
 from imufast.body.layout import SIDES, Layout
 from imufast.body.problem import center_std_m
 from imufast.body.residuals import residuals
-from imufast.body.result import BodyJoint, BodyStatus, LowerBody
+from imufast.body.result import UNSEEN_DEG, BodyJoint, BodyStatus, LowerBody
 from imufast.body.settings import Anthropometry, LowerBodySettings
 from imufast.body.start import STILL, BodyStart
 from imufast.frames import STANDING_STD_DEG, spanned, turns_by
@@ -22,8 +22,6 @@ __all__ = ["Reading"]
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
-UNSEEN_DEG = 10.0
-"""A joint whose relative heading is less certain than this for most of the time is undetermined, degrees."""
 OPEN_M = 0.03
 """Likewise a joint centre of which a direction is less certain than this, m."""
 APART = 3.0
@@ -77,7 +75,7 @@ class Reading:
         if undetermined:
             why.append(f"the motion leaves open: {', '.join(undetermined)}")
         status = BodyStatus(fit.status)
-        if status is BodyStatus.CONVERGED and len(undetermined) == len(joints):
+        if status is BodyStatus.CONVERGED and not any(joint.turn_determined for joint in joints.values()):
             status = BodyStatus.NOT_OBSERVABLE
         lengths = {name: self.length(*ends) for name, ends in layout.bones().items()}
         for name, (length, _) in lengths.items():

@@ -27,7 +27,7 @@ class BodyStatus(str, Enum):
     MAX_ITERATIONS = "MAX_ITERATIONS"
     """The iterations ran out before the minimum."""
     NOT_OBSERVABLE = "NOT_OBSERVABLE"
-    """The motion determines no joint."""
+    """The motion shows at no joint how its segments are turned against each other."""
     NUMERICAL_ERROR = "NUMERICAL_ERROR"
     """The numbers overflow; are they in the right unit?"""
     PLACEMENT_CONTRADICTED = "PLACEMENT_CONTRADICTED"
@@ -35,6 +35,10 @@ class BodyStatus(str, Enum):
 
     def __str__(self) -> str:
         return self.value
+
+
+UNSEEN_DEG = 10.0
+"""A joint whose relative heading is less certain than this for most of the time is undetermined, degrees."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +61,11 @@ class BodyJoint(ReadOnly):
     heading_drift_deg: float
     determined: bool
     why: tuple[str, ...]
+
+    @property
+    def turn_determined(self) -> bool:
+        """Whether the motion shows how both segments are turned against each other, wherever the centre is."""
+        return float(np.median(self.heading_std_deg)) <= UNSEEN_DEG
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imufast.body.layout import SIDES
-from imufast.body.reading import UNSEEN_DEG
-from imufast.body.result import LowerBody
+from imufast.body.result import UNSEEN_DEG, LowerBody
 from imufast.body.skeleton import skeleton
 from imufast.imu import GAP_STEPS
 from imufast.report import body_words as words

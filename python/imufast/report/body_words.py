@@ -42,7 +42,7 @@ _HEADLINES: dict[str, str] = {
     BodyStatus.CONVERGED: "Pelvis and legs are known",
     BodyStatus.STALLED: "The search stalled before its end",
     BodyStatus.MAX_ITERATIONS: "The search ran out of iterations",
-    BodyStatus.NOT_OBSERVABLE: "The motion determines none of the joints",
+    BodyStatus.NOT_OBSERVABLE: "The motion shows at no joint how its segments are turned",
     BodyStatus.NUMERICAL_ERROR: "The numbers overflow: are they in the right unit?",
     "PLACEMENT_CONTRADICTED": "The sensors are not where the placement says",
 }
