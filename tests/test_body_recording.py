@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from imufast.body import JOINTS, BodyStatus, LowerBody, LowerBodySettings, estimate_lower_body
-from imufast.body.bands import angles_deg
-from imufast.body.reading import MCGRATH
+from imufast.body.bands import MCGRATH, angles_deg
 from imufast.calibrate import calibrate_joint
 from imufast.imu import Imu, Recording
 from imufast.quaternion import conjugate, matrix, multiply

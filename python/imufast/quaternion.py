@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["conjugate", "from_matrix", "matrix", "multiply", "rotate", "rotate_back", "shortest_turn", "twist"]
+__all__ = ["conjugate", "exp", "from_matrix", "log", "matrix", "multiply", "rotate", "rotate_back", "shortest_turn", "twist"]
 
 Array = NDArray[np.float64]
 
@@ -52,6 +52,24 @@ def matrix(q_ab: ArrayLike) -> Array:
     """(..., 3, 3) rotation matrices of unit quaternions: their columns are the axes of frame b, seen in frame a."""
     q = np.asarray(q_ab, dtype=np.float64)[..., None, :]
     return np.swapaxes(rotate(np.broadcast_to(q, (*q.shape[:-2], 3, 4)), np.eye(3)), -1, -2)
+
+
+def exp(turn: ArrayLike) -> Array:
+    """(..., 4) the turn by a rotation vector (..., 3), rad."""
+    r = np.asarray(turn, dtype=np.float64)
+    angle = np.linalg.norm(r, axis=-1, keepdims=True)
+    # sin(angle / 2) / angle, which np.sinc knows at zero, too.
+    return np.concatenate([np.cos(0.5 * angle), 0.5 * np.sinc(angle / (2.0 * np.pi)) * r], axis=-1)
+
+
+def log(q_ab: ArrayLike) -> Array:
+    """(..., 3) the rotation vector of a unit quaternion, at most half a turn long, rad."""
+    q = np.asarray(q_ab, dtype=np.float64)
+    q = np.where(q[..., :1] < 0.0, -q, q)
+    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, q[..., :1])
+    turn: Array = np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 2.0) * q[..., 1:]
+    return turn
 
 
 def from_matrix(matrix_ab: ArrayLike) -> Array:

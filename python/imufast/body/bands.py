@@ -7,9 +7,11 @@ from numpy.typing import NDArray
 
 from imufast.joint_angles import clinical
 
-__all__ = ["angles_deg", "between", "pelvis_deg", "pelvis_std_deg", "std_deg"]
+__all__ = ["MCGRATH", "angles_deg", "between", "pelvis_deg", "pelvis_std_deg", "std_deg"]
 
 Array = NDArray[np.float64]
+MCGRATH = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+"""Takes vectors of McGrath's frames (x right, y forward, z towards the body) to ISB's (X anterior, Y proximal, Z right)."""
 
 
 def between(upper: tuple[Array, Array], lower: tuple[Array, Array]) -> Array:

@@ -12,6 +12,7 @@ from imufast.body.checks import alive, legs_swapped, misplaced, stands_still
 from imufast.body.layout import layout
 from imufast.body.reading import Reading
 from imufast.body.result import BodyJoint, BodyStatus, LowerBody, together
+from imufast.body.samples import at_samples
 from imufast.body.settings import Anthropometry, LowerBodySettings
 from imufast.body.solve import Ask, Progress, solve
 from imufast.body.start import STILL, BodyStart
@@ -31,6 +32,7 @@ def estimate_lower_body(
     anthropometry: Anthropometry | None = None,
     *,
     settings: LowerBodySettings | None = None,
+    every_sample: bool = True,
     progress: Progress | None = None,
 ) -> LowerBody:
     """Estimate pelvis and legs from IMUs strapped on anyhow: no magnetometer, no calibration pose (McGrath & Stirling 2020).
@@ -53,6 +55,8 @@ def estimate_lower_body(
             place of its own.
         anthropometry: lengths and angles of the subject; default the population's.
         settings: default `LowerBodySettings()`.
+        every_sample: whether the result is given at every sample (default), the gyroscopes telling how sensors turn between the
+            moments of the search, or at these alone (`settings.key_step_s` apart), which takes less memory.
         progress: called with (iteration, cost, fall that the step promised, damping, stage) after each iteration; the stage is
             "whole", or of a long recording "constants", "window 1 of 30" ...; may raise to stop.
 
@@ -81,6 +85,8 @@ def estimate_lower_body(
     pieces = excerpt(recording, list(placed.placed.values()), how)
     swapped = [] if still else misplaced(pieces or recording, placed)
     found = together([_part(recording, pieces, Ask(part, measures, how, progress)) for part in placed.parts()])
+    if every_sample:
+        found = at_samples(found, recording)
     if still:
         return _unseen(found, [*why, f"the subject stands still: no sensor turns faster than {STILL:g} rad/s"])
     hips = {name: joint.in_sensors[0] for name, joint in found.joints.items() if name.startswith("hip")}

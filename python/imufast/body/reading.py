@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from imufast import _core
 from imufast.body.anatomy import frames
-from imufast.body.bands import angles_deg, between, pelvis_deg, pelvis_std_deg, std_deg
+from imufast.body.bands import MCGRATH, angles_deg, between, pelvis_deg, pelvis_std_deg, std_deg
 from imufast.body.layout import SIDES, Layout
 from imufast.body.problem import center_std_m
 from imufast.body.residuals import residuals
@@ -32,8 +32,6 @@ LEANING_DEG = 10.0
 """...or, where nobody stood still, on average over all of the motion."""
 UNLIKELY = 5.0
 """A length that is so many of its usual standard deviations off contradicts what was expected."""
-MCGRATH = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
-"""Takes vectors of McGrath's frames (x right, y forward, z towards the body) to ISB's (X anterior, Y proximal, Z right)."""
 
 
 class Reading:

@@ -88,8 +88,8 @@ class BodyWindow:
 
 @dataclass(frozen=True, eq=False)
 class LowerBody:
-    """Pelvis and legs over a recording, at K moments about ten times a second. Segments and joints are those of the placement:
-    "pelvis", "thigh_right" ..., "hip_right", "knee_left" ...
+    """Pelvis and legs over a recording, at K moments: its samples, or about ten a second. Segments and joints are those of
+    the placement: "pelvis", "thigh_right" ..., "hip_right", "knee_left" ...
 
     Quaternions (K, 4) w x y z take sensor or segment vectors to the world (z up; heading and place of the whole are arbitrary).
     Segment axes: x to the right, y forward, z towards the body.

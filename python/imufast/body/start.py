@@ -11,7 +11,7 @@ from imufast.body.layout import Layout
 from imufast.body.settings import Anthropometry
 from imufast.calibrate import calibrate_joint
 from imufast.imu import Imu, Recording
-from imufast.quaternion import conjugate, matrix, multiply, rotate
+from imufast.quaternion import conjugate, exp, matrix, multiply, rotate
 from imufast.track import RelativeOrientation, TrackStatus, track
 
 __all__ = ["BodyStart", "JointStart", "joint_start"]
@@ -136,7 +136,7 @@ def _upright(imu: Imu, gyr_bias: Array) -> Array:
     rates = 0.5 * (imu.gyr[1:] + imu.gyr[:-1]) - gyr_bias
     # Across a break nothing is known; the tilt comes back from the accelerometer.
     steps = np.where(steps > 1.0, 0.0, steps)
-    q = _running_product(np.concatenate([[[1.0, 0.0, 0.0, 0.0]], _exp(rates * steps[:, None])]))
+    q = _running_product(np.concatenate([[[1.0, 0.0, 0.0, 0.0]], exp(rates * steps[:, None])]))
     felt = rotate(q, imu.acc)
     reach = max(int(TILT_S * imu.rate_hz), 1)
     total = np.concatenate([np.zeros((1, 3)), np.cumsum(felt, axis=0)])
@@ -147,13 +147,6 @@ def _upright(imu: Imu, gyr_bias: Array) -> Array:
     tilt = np.concatenate([1.0 + up[:, 2:], np.stack([up[:, 1], -up[:, 0], np.zeros(len(up))], axis=1)], axis=1)
     tilt = np.where(tilt[:, :1] < 1e-6, [0.0, 1.0, 0.0, 0.0], tilt)
     return multiply(tilt / np.linalg.norm(tilt, axis=1, keepdims=True), q)
-
-
-def _exp(turn: Array) -> Array:
-    angle = np.linalg.norm(turn, axis=1, keepdims=True)
-    half = 0.5 * angle
-    sinc = np.where(angle > 1e-9, np.sin(half) / np.maximum(angle, 1e-12), 0.5)
-    return np.concatenate([np.cos(half), sinc * turn], axis=1)
 
 
 def _running_product(q: Array) -> Array:

@@ -1,0 +1,112 @@
+"""A body at every sample: between two moments of the estimate the gyroscopes tell how each sensor turned."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imufast.body.bands import MCGRATH, angles_deg, between, pelvis_deg
+from imufast.body.layout import JOINTS
+from imufast.body.result import LowerBody
+from imufast.imu import Imu, Recording
+from imufast.quaternion import conjugate, exp, log, matrix, multiply
+
+__all__ = ["at_samples"]
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+
+def at_samples(body: LowerBody, recording: Recording) -> LowerBody:
+    """The same at every sample: between two moments the gyroscopes tell how each sensor turned, and what they miss is spread
+    over the time between. Places and standard deviations lie on straight lines; outside the moments they stay as they are.
+
+    Args:
+        body: at moments that are samples of the recording.
+        recording: what it was found from.
+    """
+    time_s = recording.time_s
+    at = np.searchsorted(time_s, body.time_s)
+    # Before the first moment and after the last the gyroscopes alone tell.
+    rows = np.arange(len(time_s))
+    before = np.clip(np.searchsorted(at, rows, side="right") - 1, 0, max(len(at) - 2, 0))
+    share = np.clip(_share(time_s, body.time_s, before), 0.0, 1.0)
+    bridge_s = body.settings.bridge_s
+    q = {
+        segment: _turned(recording[body.placement[segment]], own, at, before, share, bridge_s)
+        for segment, own in body.q.items()
+    }
+    frames = {name: multiply(conjugate(body.q[name][0]), own[0]) for name, own in body.q_segment.items()}
+    q_segment = {name: multiply(q[name], np.broadcast_to(frame, (len(rows), 4))) for name, frame in frames.items()}
+
+    def spread(values: Array) -> Array:
+        """(K, ...) rows by straight lines between moments; what is infinite on one side is so in between."""
+        if len(at) < 2:
+            return np.repeat(values, len(rows), axis=0)
+        part = share.reshape(-1, *[1] * (values.ndim - 1))
+        low, high = values[before], values[before + 1]
+        finite = np.isfinite(low) & np.isfinite(high)
+        low, high = np.where(finite, low, 0.0), np.where(finite, high, 0.0)
+        return np.where(finite, low + part * (high - low), np.inf)
+
+    turns = {name: (matrix(own) @ MCGRATH.T, np.eye(3)) for name, own in q_segment.items()}
+    found: dict[str, Any] = {}
+    for kind in ("hip", "knee", "ankle"):
+        angles, stds = getattr(body, f"{kind}_angles_deg"), getattr(body, f"{kind}_std_deg")
+        pairs = {side: JOINTS[f"{kind}_{side}"] for side in angles}
+        found[f"{kind}_angles_deg"] = {
+            side: angles_deg(kind, side, between(turns[upper], turns[lower])) for side, (upper, lower) in pairs.items()
+        }
+        found[f"{kind}_std_deg"] = {side: spread(std) for side, std in stds.items()}
+    if body.pelvis_angles_deg.shape[1]:
+        found["pelvis_angles_deg"] = pelvis_deg(turns["pelvis"])
+    else:
+        found["pelvis_angles_deg"] = np.zeros((len(rows), 0))
+    return replace(
+        body,
+        time_s=time_s,
+        q=q,
+        q_segment=q_segment,
+        position={name: spread(place) for name, place in body.position.items()},
+        pelvis_std_deg=spread(body.pelvis_std_deg),
+        joints={name: replace(joint, heading_std_deg=spread(joint.heading_std_deg)) for name, joint in body.joints.items()},
+        **found,
+    )
+
+
+def _share(time_s: Array, moments_s: Array, before: Rows) -> Array:
+    """(N,) how much of the way from the moment before to the next has passed."""
+    if len(moments_s) < 2:
+        return np.zeros(len(time_s))
+    share: Array = (time_s - moments_s[before]) / (moments_s[before + 1] - moments_s[before])
+    return share
+
+
+def _turned(imu: Imu, q: Array, at: Rows, before: Rows, share: Array, bridge_s: float) -> Array:
+    """(N, 4) sensor to world at all samples, from q (K, 4) at the samples `at`.
+
+    From each moment on the gyroscope's turns are multiplied up (trapezoids); what they miss of the next moment, bias and noise,
+    is one turn of which each sample takes its share. Nothing turns across gaps longer than `bridge_s`.
+    """
+    steps = np.diff(imu.time_s)[:, None]
+    turn = exp(np.where(steps <= max(bridge_s, 1.5 / imu.rate_hz), 0.5 * (imu.gyr[1:] + imu.gyr[:-1]) * steps, 0.0))
+    found = np.empty((len(imu.time_s), 4))
+    found[at] = q
+    rows = np.arange(len(found))
+    far = rows - at[before]
+    inside = (rows > at[0]) & ~np.isin(rows, at)
+    for step in range(1, int(far.max(initial=0)) + 1):
+        now = rows[inside & (far == step)]
+        found[now] = multiply(found[now - 1], turn[now - 1])
+    for row in range(int(at[0]) - 1, -1, -1):
+        found[row] = multiply(found[row + 1], conjugate(turn[row]))
+    if len(at) > 1:
+        ends = at[1:]
+        missed = log(multiply(conjugate(multiply(found[ends - 1], turn[ends - 1])), q[1:]))
+        now = rows[inside]
+        found[now] = multiply(found[now], exp(share[now, None] * missed[before[now]]))
+    unit: Array = found / np.linalg.norm(found, axis=1, keepdims=True)
+    return unit
