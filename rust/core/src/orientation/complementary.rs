@@ -13,7 +13,7 @@ use super::{
     },
     lane::{Lane, Real},
     method::{Method, Tuning},
-    state::{Moment, State, share},
+    state::{Moment, State, Up, share},
 };
 
 /// How the complementary filter works.
@@ -62,56 +62,69 @@ const DRIFT_LIMIT: f64 = 1.5;
 const DIFFUSION_S: f64 = 1.0;
 /// m/s².
 const GRAVITY: f64 = 9.81;
-/// Below this square of a cross product of accelerations, (m/s²)⁴, there is no direction to correct in.
-const TINY: f64 = 1e-18;
+/// Below this square of a cross product of accelerations, g⁴, there is no direction to correct in.
+const TINY: f64 = 1e-12;
 
-/// A correction: by how fast sensor 2 turns against sensor 1, `√(over/under)·direction` in frame 2, rad/s.
+/// A correction: by how fast sensor 2 turns against sensor 1, `√(speed2·plain/((plain + level)·square))·direction` in frame 2,
+/// rad/s.
 struct Correction<L> {
+    /// Along the gradient, g².
     direction: Vec3<L>,
-    /// Square of `direction`.
+    /// Its square, g⁴.
     square: L,
-    over: L,
-    under: L,
+    /// Square of the gradient, and that at which the step has 0.7 of its size, g⁴.
+    plain: L,
+    level: L,
+    /// Square of the full speed, (rad/s)².
+    speed2: L,
 }
 
 impl<L: Lane> Correction<L> {
+    /// The same with a gradient whose part about the vertical counts `excess` times more.
     #[inline(always)]
-    fn rate(&self) -> Vec3<L> {
-        scale(self.direction, (self.over / self.under).sqrt())
+    fn about(mut self, up: &Up<L>, excess: L) -> Self {
+        let (upwards, vertical) = (dot(self.direction, up.up), excess * up.per_square);
+        self.direction = add(self.direction, scale(up.up, upwards * vertical));
+        self.square = (self.square + upwards * upwards * (vertical * (excess + L::splat(2.0)))).at_least(L::splat(TINY));
+        self
     }
 
-    /// Its first-order step (eq. 5b), `(1, rate·dt/2)`, brought to length one: one division, and two roots side by side. And the
-    /// step by itself, in directions.
+    #[inline(always)]
+    fn rate(&self) -> Vec3<L> {
+        scale(self.direction, (self.speed2 * self.plain / ((self.plain + self.level) * self.square)).sqrt())
+    }
+
+    /// Its first-order step (eq. 5b), `(1, rate·dt/2)`, brought to length one: one division, and two roots beside it. And the step
+    /// by itself, in directions.
     #[inline(always)]
     fn step(&self, dt: L) -> (Quat<L>, L) {
-        let over = self.over * (dt * dt * L::splat(0.25));
-        let per_length2 = L::splat(1.0) / (self.under + over * self.square.at_least(L::splat(0.0)));
-        let half = (over * per_length2).sqrt();
+        let over = self.speed2 * (dt * dt * L::splat(0.25)) * self.plain;
+        let under = self.plain + self.level;
+        let whole = under + over;
+        let both = self.square * whole;
+        let per_both = L::splat(1.0) / both;
+        let half = (over * both).sqrt() * per_both;
         let [x, y, z] = scale(self.direction, half);
-        ([(self.under * per_length2).sqrt(), x, y, z], half + half)
+        ([(under * whole).sqrt() * (self.square * per_both), x, y, z], (half + half) * L::splat(1.0 / (GRAVITY * GRAVITY)))
     }
 }
 
 impl Complementary {
-    /// How many times the gradient's part about the vertical counts; where accelerations have no common direction, once.
+    /// How many times more the gradient's part about the vertical counts; where accelerations have no common direction, not at
+    /// all.
     #[inline(always)]
-    fn heading_gain<L: Lane>(&self, s: &State<L>) -> L {
-        let vertical = (dot(s.up, s.up) * L::splat(1.0 / (GRAVITY * GRAVITY))).at_most(L::splat(1.0));
-        L::splat(1.0) + vertical * L::splat(self.heading_gain - 1.0)
+    fn heading_excess<L: Lane>(&self, up: &Up<L>) -> L {
+        (up.square * L::splat(1.0 / (GRAVITY * GRAVITY))).at_most(L::splat(1.0)) * L::splat(self.heading_gain - 1.0)
     }
 
     /// Eqs 12 and 13: along the gradient, as fast as β says, and no faster than the drift asks for.
     #[inline(always)]
-    fn correction<L: Lane>(&self, t: &Tuning<L>, s: &State<L>, m: &Moment<L>, seen: Vec3<L>, along: Vec3<L>) -> Correction<L> {
+    fn correction<L: Lane>(&self, t: &Tuning<L>, s: &State<L>, m: &Moment<L>, seen: Vec3<L>) -> Correction<L> {
         // −Rᵀu: turning sensor 2 this way brings its acceleration onto that of sensor 1.
-        let v = cross(m.acc2, seen);
-        let (v2, tiny) = (dot(v, v), L::splat(TINY));
-        let plain = v2.at_least(tiny);
-        let [gain, vertical] = [self.heading_gain(s), dot(v, along)];
-        let direction = add(v, scale(s.up, vertical * (gain - L::splat(1.0))));
-        // Its square, from what is there already.
-        let square = v2 + vertical * dot(v, s.up) * (gain * gain - L::splat(1.0));
-        let level = m.level[0] * m.level[1] * L::splat(self.soft_angle * self.soft_angle);
+        let direction = cross(scale(m.acc2, L::splat(1.0 / (GRAVITY * GRAVITY))), seen);
+        let plain = dot(direction, direction).at_least(L::splat(TINY));
+        let soft = self.soft_angle / (GRAVITY * GRAVITY);
+        let level = m.level[0] * m.level[1] * L::splat(soft * soft);
         // Each sensor takes β/√2 (eq. 12); together they turn by √2·β.
         let beta = L::splat(self.beta);
         let mut speed2 = beta * beta * L::splat(2.0);
@@ -120,7 +133,7 @@ impl Complementary {
             speed2 = speed2.at_most((s.diffusion * m.per_dt + bias_var) * L::splat(3.0));
         }
         speed2 = speed2 + s.boost * (beta + beta + s.boost) * L::splat(2.0);
-        Correction { direction, square, over: speed2 * plain, under: (plain + level) * square.at_least(tiny) }
+        Correction { direction, square: plain, plain, level, speed2 }
     }
 
     /// Both halves of eq. 8 in their frames: what is taken from ω1 and from ω2.
@@ -173,9 +186,11 @@ impl Method for Complementary {
         let seen = s.expected(&m);
         let error = sub(seen, m.acc2);
         let error2 = dot(error, error);
-        let (flat2, along) = s.observe(&m, seen, error2);
+        let up = s.look_up(&m);
+        let mut excess = L::splat(0.0);
         if !self.literal {
-            let correction = self.correction(t, s, &m, seen, along);
+            excess = self.heading_excess(&up);
+            let correction = self.correction(t, s, &m, seen).about(&up, excess);
             if self.bias_gain > 0.0 {
                 self.feed_back(s, correction.rate(), m.dt);
             }
@@ -184,22 +199,22 @@ impl Method for Complementary {
             s.q = mul(nearly_unit(s.q), turned);
             s.boost = s.boost - s.boost * share(m.dt, self.settle_s);
         }
+        s.observe(&m, &up, seen, error2);
         // Tilt is seen by the whole acceleration, heading by its horizontal part; of the error η a correction takes `KHη`, with
         // `KH = step (I + (gain − 1) up alongᵀ)(a² I − a aᵀ)`, and it brings in noise: `(I − KH)P(I − KH)ᵀ + KRKᵀ`.
         let one = L::splat(1.0);
-        let gain = if self.literal { one } else { self.heading_gain(s) };
         let [tilt, heading] = [s.p[0], s.p[1]];
         let level = m.level[1];
         s.follow_link(&m, error, error2, tilt * level * L::splat(2.0 / 3.0));
-        let turn = step * gain;
-        let (left, left_heading) = (one - (step * level).at_most(one), one - (turn * flat2).at_most(one));
+        let turn = step * (one + excess);
+        let (left, left_heading) = (one - (step * level).at_most(one), one - (turn * up.flat).at_most(one));
         s.p[0] = tilt * (left * left) + step * step * (level * s.link_slow_var);
-        s.p[1] = heading * (left_heading * left_heading) + turn * turn * (flat2 * s.link_slow_var);
+        s.p[1] = heading * (left_heading * left_heading) + turn * turn * (up.flat * s.link_slow_var);
         if leans {
             let a = m.acc2;
-            let seen_along = scale(sub(scale(along, level), scale(a, dot(a, along))), gain - one);
+            let seen_along = scale(sub(scale(up.up, level), scale(a, dot(a, up.up))), excess * up.per_square);
             let pull = [0, 1, 2].map(|r| {
-                let row = sub(scale(seen_along, s.up[r]), scale(a, a[r]));
+                let row = sub(scale(seen_along, up.up[r]), scale(a, a[r]));
                 scale([0, 1, 2].map(|c| if c == r { row[c] + level } else { row[c] }), step)
             });
             s.leaning.update(m.per_dt, &pull, t.bias_var);
@@ -234,7 +249,7 @@ impl Complementary {
         let mut step = L::splat(0.0);
         if correct {
             let seen = s.expected(m);
-            let correction = self.correction(t, s, m, seen, [L::splat(0.0); 3]);
+            let correction = self.correction(t, s, m, seen);
             step = correction.step(m.dt).1;
             let [half1, half2] = Self::halves(s.q, correction.rate());
             turn1 = add(turn1, scale(half1, -m.dt));

@@ -180,7 +180,8 @@ impl Method for Mekf {
             let pull = [0, 1, 2].map(|r| together(&across, [gain[0][r], gain[1][r]]));
             s.leaning.update(m.per_dt, &pull, t.bias_var);
         }
-        s.observe(m, seen, error2);
+        let up = s.look_up(m);
+        s.observe(m, &up, seen, error2);
         if self.adapt {
             s.follow_link(m, e, error2, (known[0] + known[2]) * level * L::splat(1.0 / 3.0));
             Self::follow_drift(s, eta, m.dt);

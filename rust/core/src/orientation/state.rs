@@ -100,6 +100,26 @@ impl<L> Moment<L> {
     }
 }
 
+/// Which way is up, and what one instant's accelerations have across it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Up<L> {
+    /// [`State::up`], its square and the reciprocal of that.
+    pub up: Vec3<L>,
+    pub square: L,
+    pub per_square: L,
+    /// Square of the horizontal acceleration that sensor 2 sees, (m/s²)².
+    pub flat: L,
+}
+
+impl<L: Lane> Up<L> {
+    /// Square of what of `a`, whose own is `level`, is horizontal.
+    #[inline(always)]
+    fn horizontal(&self, level: L, a: Vec3<L>) -> L {
+        let upwards = dot(a, self.up);
+        (level - upwards * upwards * self.per_square).at_least(L::splat(0.0))
+    }
+}
+
 /// `a − ω×(ω×r) − ω̇×r` (eqs 3–4 of Olsson & Halvorsen 2017), of bias-free readings.
 #[inline(always)]
 pub fn at_joint_center<L: Lane>(acc: Vec3<L>, gyr: Vec3<L>, gyr_dot: Vec3<L>, r: Vec3<L>) -> Vec3<L> {
@@ -206,24 +226,27 @@ impl<L: Lane> State<L> {
         rotate_back(self.q, m.acc1)
     }
 
-    /// Follows the direction of gravity and what tells whether heading is seen and right; `seen` is [`Self::expected`].
-    /// Gives the square of the horizontal acceleration now, and the reciprocal vector of `up`: `up` over its square.
+    /// Follows the direction of gravity.
     #[inline(always)]
-    pub(crate) fn observe(&mut self, m: &Moment<L>, seen: Vec3<L>, error2: L) -> (L, Vec3<L>) {
+    pub(crate) fn look_up(&mut self, m: &Moment<L>) -> Up<L> {
         self.up = add(self.up, scale(sub(m.acc2, self.up), share(m.dt, UP_S)));
-        let up2 = dot(self.up, self.up).at_least(L::splat(1e-12));
-        let along = scale(self.up, L::splat(1.0) / up2);
-        let [level1, level2] = m.level;
-        let (flat1, flat2) = (flat(level1, seen, self.up, along), flat(level2, m.acc2, self.up, along));
-        self.heading_power = self.heading_power + (flat2 - self.heading_power) * share(m.dt, POWER_S);
+        let square = dot(self.up, self.up).at_least(L::splat(1e-12));
+        let mut up = Up { up: self.up, square, per_square: L::splat(1.0) / square, flat: L::splat(0.0) };
+        up.flat = up.horizontal(m.level[1], m.acc2);
+        up
+    }
+
+    /// Follows what tells whether heading is seen and right; `seen` is [`Self::expected`].
+    #[inline(always)]
+    pub(crate) fn observe(&mut self, m: &Moment<L>, up: &Up<L>, seen: Vec3<L>, error2: L) {
+        self.heading_power = self.heading_power + (up.flat - self.heading_power) * share(m.dt, POWER_S);
         // Weighed and bounded, so that one impact counts like any other instant.
-        let flat = flat1 + flat2;
+        let flat = up.horizontal(m.level[0], seen) + up.flat;
         let weight = L::splat(1.0) / (flat + L::splat(WATCH_POWER));
         let [error, seen] = self.watch;
         let now = error2.at_most(flat + flat) * weight;
         let share = share(m.dt, WATCH_S);
         self.watch = [error + (now - error) * share, seen + (flat * weight - seen) * share];
-        (flat2, along)
     }
 
     /// Follows the scatter of the link residual `error`; `explained` is the part per axis that the orientation's own
@@ -249,12 +272,6 @@ impl<L: Lane> State<L> {
 #[inline(always)]
 pub(crate) fn share<L: Lane>(dt: L, seconds: f64) -> L {
     (dt * L::splat(1.0 / seconds)).at_most(L::splat(1.0))
-}
-
-/// Square of what of `a`, whose own is `level`, is at right angles to `up`, whose reciprocal vector is `along`.
-#[inline(always)]
-fn flat<L: Lane>(level: L, a: Vec3<L>, up: Vec3<L>, along: Vec3<L>) -> L {
-    (level - dot(a, along) * dot(a, up)).at_least(L::splat(0.0))
 }
 
 /// A variance per axis after one more `square` of three axes.
