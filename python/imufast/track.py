@@ -231,7 +231,7 @@ def _filtered(
     calibration: JointCalibration,
     settings: Complementary | Mekf,
 ) -> RelativeOrientation:
-    std_deg = np.degrees(std, out=std)
+    std_deg = np.multiply(std, 180.0 / math.pi, out=std)
     np.minimum(std_deg, 180.0, out=std_deg)
     starts = _starts(imu.time_s, states)
     began = states != STARTING
@@ -245,7 +245,7 @@ def _filtered(
     elif contradicted * CONTRADICTED_S > imu.duration_s - sum(to - since for since, to in starts):
         why.append("the two sensors contradict each other again and again: soft tissue, impacts or a wrong calibration")
         std_deg = np.maximum(std_deg, UNKNOWN_DEG)
-    elif not began.any() or 2 * int((std_deg > VAGUE_DEG).sum()) > len(std_deg):
+    elif not began.any() or 2 * int(np.count_nonzero(std_deg > VAGUE_DEG)) > len(std_deg):
         why.append("nothing shows the heading: the joint hardly accelerates sideways, or gaps are too many")
     else:
         lost = False
@@ -267,8 +267,10 @@ def _filtered(
 
 def _starts(time_s: Array, states: NDArray[np.uint8]) -> tuple[tuple[float, float], ...]:
     """From the first sample of each start to the first after it."""
-    starting = np.concatenate([[False], states == STARTING, [False]])
-    edges = time_s[np.minimum(np.flatnonzero(np.diff(starting)), len(time_s) - 1)].tolist()
+    starting = states == STARTING
+    changes = (np.flatnonzero(starting[1:] != starting[:-1]) + 1).tolist()
+    changes = [0] * bool(starting[0]) + changes + [len(starting) - 1] * bool(starting[-1])
+    edges = [float(time_s[k]) for k in changes]
     return tuple(zip(edges[::2], edges[1::2], strict=True))
 
 
