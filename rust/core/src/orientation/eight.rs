@@ -8,13 +8,22 @@ use super::lane::{Lane, Real};
 pub const EIGHT: usize = 8;
 
 /// Eight numbers as one [`Lane`].
-pub trait Eight<T>: Lane {
+pub trait Eight<T: Real>: Lane {
     /// From memory.
     fn load(from: &[T; EIGHT]) -> Self;
     /// To memory.
     fn store(self, to: &mut [T; EIGHT]);
     /// Number `j` of row `k` becomes number `k` of row `j`.
     fn transposed(rows: [Self; EIGHT]) -> [Self; EIGHT];
+    /// `from − less` of doubles, which may become shorter numbers.
+    #[inline(always)]
+    fn difference(from: &[f64; EIGHT], less: &[f64; EIGHT]) -> Self {
+        let mut numbers = [T::default(); EIGHT];
+        for (number, (x, less)) in numbers.iter_mut().zip(from.iter().zip(less)) {
+            *number = T::splat(x - less);
+        }
+        Self::load(&numbers)
+    }
 }
 
 /// Eight numbers on any machine.
@@ -294,7 +303,7 @@ pub mod registers {
         };
     }
     macro_rules! eight {
-        ($type:ident, $real:ty, $width:literal, $load:ident, $store:ident, $transposed:ident) => {
+        ($type:ident, $real:ty, $width:literal, $load:ident, $store:ident, $transposed:ident, $($more:tt)*) => {
             impl Eight<$real> for $type {
                 #[inline(always)]
                 fn load(from: &[$real; EIGHT]) -> Self {
@@ -317,6 +326,7 @@ pub mod registers {
                     // SAFETY: as above.
                     unsafe { $transposed(rows) }
                 }
+                $($more)*
             }
         };
     }
@@ -362,9 +372,31 @@ pub mod registers {
         choose256_singles,
         above256_singles
     );
-    eight!(Doubles512, f64, 8, _mm512_loadu_pd, _mm512_storeu_pd, transposed512);
-    eight!(Doubles256, f64, 4, _mm256_loadu_pd, _mm256_storeu_pd, transposed256);
-    eight!(Singles256, f32, 8, _mm256_loadu_ps, _mm256_storeu_ps, transposed256_singles);
+    eight!(
+        Doubles512,
+        f64,
+        8,
+        _mm512_loadu_pd,
+        _mm512_storeu_pd,
+        transposed512,
+        #[inline(always)]
+        fn difference(from: &[f64; EIGHT], less: &[f64; EIGHT]) -> Self {
+            Self::load(from) - Self::load(less)
+        }
+    );
+    eight!(
+        Doubles256,
+        f64,
+        4,
+        _mm256_loadu_pd,
+        _mm256_storeu_pd,
+        transposed256,
+        #[inline(always)]
+        fn difference(from: &[f64; EIGHT], less: &[f64; EIGHT]) -> Self {
+            Self::load(from) - Self::load(less)
+        }
+    );
+    eight!(Singles256, f32, 8, _mm256_loadu_ps, _mm256_storeu_ps, transposed256_singles,);
 }
 
 #[cfg(test)]
@@ -402,6 +434,13 @@ mod tests {
                 let mut numbers = a;
                 column.store(&mut numbers);
                 assert_eq!(numbers, core::array::from_fn(|k| T::splat((10 * k + j) as f64)));
+            }
+            let from = NUMBERS.map(|x| x * 1.5);
+            let mut less = [T::default(); EIGHT];
+            V::difference(&from, &NUMBERS).store(&mut less);
+            for (less, (from, number)) in less.into_iter().zip(from.into_iter().zip(NUMBERS)) {
+                let expected = T::splat(from - number).to_f64();
+                assert!(less.to_f64() == expected || (less.to_f64().is_nan() && expected.is_nan()));
             }
             assert_eq!(V::load(&a).any_above(V::load(&b)), a.iter().zip(b).any(|(a, b)| a.any_above(b)));
         }

@@ -8,12 +8,12 @@
 //!
 //! A sample moves 96 bytes in and 41 out. In one recording the chain from one orientation to the next sets the floor, in cycles
 //! of latency (addition 2, multiplication 3, division 13, root 20, as on Zen 5): for the complementary filter two quaternion
-//! products 14, `Rᵀa1` 14, gradient with heading gain 20, its length 12, division and root 36, step 10: about 105, 27 ns at
+//! products 14, `Rᵀa1` 12, gradient with heading gain 22, its length 5, root beside division 26, step 10: about 90, 24 ns at
 //! 3.85 GHz, and a sixth of that for what is done side by side. The Kalman filter's, through both 2×2 inverses, has about 150.
 //! Both take about twice as long, since the core looks ahead no farther than one sample's instructions. Eight
 //! recordings are bound by instructions, not latency; `benches/orientation.py` measures.
 
-use alloc::vec::Vec;
+use alloc::boxed::Box;
 
 use super::{
     algebra::{Vec3, scale},
@@ -22,7 +22,7 @@ use super::{
     filter::{Filter, alarm, spread},
     lane::Real,
     method::{Method, Tuning, mean},
-    ring::{LENGTH, five_points, is_even},
+    ring::{LENGTH, WIDEST, five_points, is_even},
     state::{Moment, State, at_joint_center},
 };
 
@@ -80,7 +80,7 @@ fn together_in<T: Real, M: Method, V: Eight<T>, const S: usize>(
     if S > 1 {
         gather(lanes, &mut eight);
     }
-    let Room { channels, moments, results } = room;
+    let Room { channels, moments: InLine(moments), results } = room;
     let mut rows = Rows::<T, S>::new::<M, V>(channels, lanes);
     let mut done = 0;
     let mut stop = false;
@@ -129,17 +129,26 @@ fn together_in<T: Real, M: Method, V: Eight<T>, const S: usize>(
     }
 }
 
+/// Begins where a register's width in memory does: what crosses lines of the cache costs twice and more.
+#[repr(align(64))]
+struct InLine<X>(X);
+
+/// Numbers of a channel that there is room for: a group of eight may reach beyond the last row.
+const LONGEST: usize = 4 * WIDEST as usize * EIGHT + READ + EIGHT;
+
 /// Memory to work in, for any number of calls.
 pub(super) struct Room<T> {
-    channels: [Vec<T>; 12],
-    moments: [Moment<[T; EIGHT]>; GROUPS],
+    channels: Box<[InLine<[T; LONGEST]>; 12]>,
+    moments: InLine<[Moment<[T; EIGHT]>; GROUPS]>,
     results: Results<T>,
 }
 
 impl<T: Real> Room<T> {
     pub fn new() -> Self {
-        let results = Results { q: [[T::default(); 4]; GROUPS * EIGHT], variance: [T::default(); GROUPS * EIGHT] };
-        Self { channels: Default::default(), moments: Default::default(), results }
+        let results =
+            Results { q: InLine([[T::default(); 4]; GROUPS * EIGHT]), variance: InLine([T::default(); GROUPS * EIGHT]) };
+        let channels = Box::new([(); 12].map(|()| InLine([T::default(); LONGEST])));
+        Self { channels, moments: InLine(Default::default()), results }
     }
 }
 
@@ -197,7 +206,7 @@ impl<V> Constants<V> {
     {
         for (j, moment) in moments.iter_mut().enumerate() {
             // The sample whose neighbours have come with the row.
-            let at = (rows.before / 2 + first) * S + j * EIGHT;
+            let at = (rows.before - rows.ahead + first) * S + j * EIGHT;
             let (turn1, acc1) = self.sensor(rows, at, 0);
             let (turn2, acc2) = self.sensor(rows, at, 1);
             let m = Moment::new([self.dt, self.per_dt], [turn1, turn2], [acc1, acc2]);
@@ -245,18 +254,19 @@ fn scatter<T: Real, M: Method, V: Eight<T>>(lanes: &mut [Passenger<'_, T, M>], e
 
 /// Bias-free samples, channel by channel: number `row * S + k` is that of recording `k`.
 struct Rows<'r, T, const S: usize> {
-    channels: &'r mut [Vec<T>; 12],
-    /// So many rows before the first new one: what derivatives look back on, twice as much as they look ahead.
+    channels: &'r mut [InLine<[T; LONGEST]>; 12],
+    /// So many rows before the first new one: what derivatives look back on, and what brings new ones in line.
     before: usize,
+    /// So far derivatives look ahead.
+    ahead: usize,
     /// Of each signal and recording, as often as there are samples in a group.
-    biases: [[[f64; 3 * EIGHT]; EIGHT]; 4],
+    biases: InLine<[[[f64; 3 * EIGHT]; EIGHT]; 4]>,
 }
 
 impl<'r, T: Real, const S: usize> Rows<'r, T, S> {
-    fn new<M: Method, V: Eight<T>>(channels: &'r mut [Vec<T>; 12], lanes: &[Passenger<'_, T, M>]) -> Self {
-        let before = 2 * lanes[0].filter.delay_samples() as usize;
-        // A group of eight may reach beyond the last row.
-        channels.iter_mut().for_each(|c| c.resize(before * S + READ + EIGHT, T::default()));
+    fn new<M: Method, V: Eight<T>>(channels: &'r mut [InLine<[T; LONGEST]>; 12], lanes: &[Passenger<'_, T, M>]) -> Self {
+        let ahead = lanes[0].filter.delay_samples() as usize;
+        let before = if S == 1 { (2 * ahead).next_multiple_of(EIGHT) } else { 2 * ahead };
         let mut biases = [[[0.0; 3 * EIGHT]; EIGHT]; 4];
         for k in 0..S {
             let bias = sitting(lanes, k).filter.bias();
@@ -264,8 +274,8 @@ impl<'r, T: Real, const S: usize> Rows<'r, T, S> {
                 biases[k].as_chunks_mut().0.fill(*bias);
             }
         }
-        let mut rows = Self { channels, before, biases };
-        rows.put::<M, V>(lanes, 0, -(before as isize), before);
+        let mut rows = Self { channels, before, ahead, biases: InLine(biases) };
+        rows.put::<M, V>(lanes, before - 2 * ahead, -(2 * ahead as isize), 2 * ahead);
         rows
     }
 
@@ -283,19 +293,14 @@ impl<'r, T: Real, const S: usize> Rows<'r, T, S> {
                     *samples = lane.signals.xyz[s][at..at + whole].as_chunks::<EIGHT>().0;
                 }
                 let groups =
-                    channels.each_mut().map(|c| c[S * row..S * (row + whole)].as_chunks_mut().0.as_chunks_mut::<EIGHT>().0);
+                    channels.each_mut().map(|c| c.0[S * row..S * (row + whole)].as_chunks_mut().0.as_chunks_mut::<EIGHT>().0);
                 let [x, y, z] = groups;
                 for (first, ((x, y), z)) in x.iter_mut().zip(y).zip(z).enumerate() {
-                    let mut free = [[T::default(); 3 * EIGHT]; EIGHT];
-                    for (k, free) in free.iter_mut().enumerate() {
-                        for ((free, x), bias) in free.iter_mut().zip(samples[k][first].as_flattened()).zip(&self.biases[s][k]) {
-                            *free = T::splat(x - bias);
-                        }
-                    }
                     for part in 0..3 {
                         let mut rows = [V::splat(0.0); EIGHT];
-                        for (row, free) in rows.iter_mut().zip(&free) {
-                            *row = V::load(&free.as_chunks().0[part]);
+                        for (k, row) in rows.iter_mut().enumerate() {
+                            let samples = samples[k][first].as_flattened().as_chunks().0;
+                            *row = V::difference(&samples[part], &self.biases.0[s][k].as_chunks().0[part]);
                         }
                         for (j, numbers) in V::transposed(rows).into_iter().enumerate() {
                             let number = EIGHT * part + j;
@@ -306,9 +311,9 @@ impl<'r, T: Real, const S: usize> Rows<'r, T, S> {
             }
             for k in 0..S {
                 let lane = sitting(lanes, k);
-                let (bias, at) = (&self.biases[s][k], lane.position.wrapping_add_signed(from));
+                let (bias, at) = (&self.biases.0[s][k], lane.position.wrapping_add_signed(from));
                 let rows = S * (row + whole)..S * (row + count);
-                let [x, y, z] = channels.each_mut().map(|c| c[rows.clone()].as_chunks_mut::<S>().0);
+                let [x, y, z] = channels.each_mut().map(|c| c.0[rows.clone()].as_chunks_mut::<S>().0);
                 let samples = lane.signals.xyz[s][at + whole..at + count].iter();
                 for (((x, y), z), xyz) in x.iter_mut().zip(y).zip(z).zip(samples) {
                     x[k] = T::splat(xyz[0] - bias[0]);
@@ -346,7 +351,7 @@ impl<'r, T: Real, const S: usize> Rows<'r, T, S> {
     fn distance<V: Eight<T>>(&self, sensor: usize, now: usize, before: usize) -> V {
         let mut sum = V::splat(0.0);
         for channel in &self.channels[sensor..sensor + 6] {
-            let change = eight_at::<T, V>(channel, now) - eight_at(channel, before);
+            let change = eight_at::<T, V>(&channel.0, now) - eight_at(&channel.0, before);
             sum = sum + change.at_least(-change);
         }
         sum
@@ -354,14 +359,14 @@ impl<'r, T: Real, const S: usize> Rows<'r, T, S> {
 
     #[inline(always)]
     fn xyz<V: Eight<T>>(&self, channel: usize, at: usize) -> Vec3<V> {
-        let [x, y, z] = [&self.channels[channel], &self.channels[channel + 1], &self.channels[channel + 2]];
+        let [x, y, z] = [&self.channels[channel].0, &self.channels[channel + 1].0, &self.channels[channel + 2].0];
         [eight_at(x, at), eight_at(y, at), eight_at(z, at)]
     }
 
     /// Makes room behind the last rows.
     fn shift(&mut self, count: usize) {
         for channel in self.channels.iter_mut() {
-            channel.copy_within(count * S..(count + self.before) * S, 0);
+            channel.0.copy_within(count * S..(count + self.before) * S, 0);
         }
     }
 }
@@ -386,29 +391,29 @@ fn transposed<T: Real, V: Eight<T>>(from: &[[T; EIGHT]]) -> [V; EIGHT] {
 /// Orientations and variances on their way out: of one recording, or of eight one after the other; while rows come in, those of
 /// eight lie side by side.
 struct Results<T> {
-    q: [[T; 4]; GROUPS * EIGHT],
-    variance: [T; GROUPS * EIGHT],
+    q: InLine<[[T; 4]; GROUPS * EIGHT]>,
+    variance: InLine<[T; GROUPS * EIGHT]>,
 }
 
 impl<T: Real> Results<T> {
     #[inline(always)]
     fn put_one(&mut self, row: usize, q: &[T; 4], variance: T) {
-        self.q[row] = *q;
-        self.variance[row] = variance;
+        self.q.0[row] = *q;
+        self.variance.0[row] = variance;
     }
 
     #[inline(always)]
     fn put_eight<V: Eight<T>>(&mut self, row: usize, q: &[V; 4], variance: V) {
-        for (all, q) in self.q.as_flattened_mut().as_chunks_mut().0[4 * row..].iter_mut().zip(q) {
+        for (all, q) in self.q.0.as_flattened_mut().as_chunks_mut().0[4 * row..].iter_mut().zip(q) {
             q.store(all);
         }
-        variance.store(&mut self.variance.as_chunks_mut().0[row]);
+        variance.store(&mut self.variance.0.as_chunks_mut().0[row]);
     }
 
     /// Gives each recording its estimates of the first rows.
     #[inline(always)]
     fn hand_over<M: Method, V: Eight<T>, const S: usize>(&mut self, lanes: &mut [Passenger<'_, T, M>], rows: usize) {
-        for group in self.variance.as_chunks_mut().0 {
+        for group in self.variance.0.as_chunks_mut().0 {
             spread(V::load(group)).store(group);
         }
         if S > 1 {
@@ -416,22 +421,22 @@ impl<T: Real> Results<T> {
         }
         for (k, lane) in lanes.iter_mut().enumerate() {
             let at = k * GROUPS * EIGHT / S..k * GROUPS * EIGHT / S + rows;
-            lane.page.extend(&self.q[at.clone()], &self.variance[at]);
+            lane.page.extend(&self.q.0[at.clone()], &self.variance.0[at]);
         }
     }
 
     /// Eight rows of eight recordings: recording by recording.
     #[inline(always)]
     fn turn_over<V: Eight<T>>(&mut self) {
-        let side_by_side = self.q;
-        let (from, to) = (side_by_side.as_flattened().as_chunks().0, self.q.as_flattened_mut().as_chunks_mut().0);
+        let side_by_side = InLine(self.q.0);
+        let (from, to) = (side_by_side.0.as_flattened().as_chunks().0, self.q.0.as_flattened_mut().as_chunks_mut().0);
         for two in 0..EIGHT / 2 {
             for (k, q) in transposed::<T, V>(&from[EIGHT * two..]).into_iter().enumerate() {
                 q.store(&mut to[EIGHT / 2 * k + two]);
             }
         }
-        let variances = transposed::<T, V>(self.variance.as_chunks().0);
-        for (variance, to) in variances.into_iter().zip(self.variance.as_chunks_mut().0) {
+        let variances = transposed::<T, V>(self.variance.0.as_chunks().0);
+        for (variance, to) in variances.into_iter().zip(self.variance.0.as_chunks_mut().0) {
             variance.store(to);
         }
     }
