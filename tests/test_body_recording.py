@@ -109,3 +109,30 @@ def test_bands_hold_what_other_spacings_find(recording: Recording, body: LowerBo
         for side in (0, 1):
             moved = other.joints[name].in_sensors[side] - body.joints[name].in_sensors[side]
             assert float(np.linalg.norm(moved)) < 3.0 * float(body.joints[name].in_sensors_std[side])
+
+
+def test_who_sits_does_not_stand(recording: Recording, body: LowerBody) -> None:
+    standing, sitting = body.time_s < 5.0, (body.time_s > 17.0) & (body.time_s < 34.0)
+    # Standing is the zero of the pelvis; who sits tilts it back.
+    assert abs(float(np.median(body.pelvis_angles_deg[standing, 0]))) < 3.0
+    assert 15.0 < float(np.median(body.pelvis_angles_deg[sitting, 0])) < 35.0
+
+
+@pytest.mark.parametrize("segments", [("thigh", "shank", "foot"), ("thigh", "shank")])
+def test_knees_bend_the_right_way_without_hips(recording: Recording, body: LowerBody, segments: tuple[str, ...]) -> None:
+    names = [f"{segment}_right" for segment in segments]
+    alone = estimate_lower_body(recording, {name: PLACEMENT[name] for name in names})
+    off = alone.knee_angles_deg["right"][:, 0] - body.knee_angles_deg["right"][:, 0]
+    # Zero is how the subject stands, not half way between that and a chair.
+    assert abs(float(off.mean())) < 8.0
+    assert float(np.std(off)) < 4.0
+
+
+def test_without_standing_the_zero_of_what_has_no_bone_is_open(recording: Recording, body: LowerBody) -> None:
+    rows = slice(5700, 8700)
+    walking = Recording({n: Imu(imu.gyr[rows], imu.acc[rows], rate_hz=100.0, name=n) for n, imu in recording.items()})
+    alone = estimate_lower_body(walking, {name: PLACEMENT[name] for name in ("thigh_right", "shank_right")})
+    assert any("never stands" in why and "thigh_right, shank_right" in why for why in alone.why)
+    whole = body.time_s.searchsorted(alone.time_s + 57.0 - 1e-9)
+    off = alone.knee_angles_deg["right"][:, 0] - body.knee_angles_deg["right"][whole, 0]
+    assert 10.0 < abs(float(off.mean())) < float(alone.knee_std_deg["right"][:, 0].mean())

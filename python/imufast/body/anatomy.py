@@ -1,16 +1,15 @@
-"""Segment frames of a body in its sensors, and which way a knee's axis points."""
+"""Segment frames of a body in its sensors, and where these are."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from imufast.body.bands import angles_deg, between
-from imufast.body.layout import SIDES, Layout
+from imufast.body.layout import Layout
 from imufast.frames import spanned
 from imufast.quaternion import matrix
 
-__all__ = ["frames", "positions", "signed"]
+__all__ = ["frames", "positions"]
 
 Array = NDArray[np.float64]
 
@@ -32,27 +31,6 @@ def frames(layout: Layout, centers: Array, axes: Array, up: Array) -> dict[int, 
             j = layout.names.index(f"knee_{side}")
             found[k] = spanned("proximal", along, "right", axes[j, 0 if kind == "thigh" else 1]).T
     return found
-
-
-def signed(layout: Layout, q: Array, centers: Array, axes: Array, up: Array) -> Array:
-    """The axes, both of a knee to the right: section 3.9, but by the extremes of flexion instead of its median, which
-    standing decides."""
-    axes = axes.copy()
-    turned = matrix(q)
-    for side in SIDES:
-        name = f"knee_{side}"
-        if name not in layout.joints:
-            continue
-        j, (upper, lower) = layout.names.index(name), layout.joints[name]
-        one, other = turned[:, upper] @ axes[j, 0], turned[:, lower] @ axes[j, 1]
-        if float(np.median(np.einsum("ki,ki->k", one, other))) < 0.0:
-            axes[j, 1] = -axes[j, 1]
-        found = frames(layout, centers, axes, up)
-        relative = between((turned[:, upper], found[upper]), (turned[:, lower], found[lower]))
-        flexion = angles_deg("knee", side, relative)[:, 0]
-        if float(np.percentile(flexion, 1) + np.percentile(flexion, 99)) < 0.0:
-            axes[j] = -axes[j]
-    return axes
 
 
 def positions(layout: Layout, q: Array, centers: Array) -> Array:

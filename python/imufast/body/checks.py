@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imufast.body.layout import SIDES, Layout
-from imufast.body.start import STILL
+from imufast.body.stance import STILL
 from imufast.center import estimate_joint_center
 from imufast.errors import InputError, UnitError
 from imufast.imu import Imu, Recording

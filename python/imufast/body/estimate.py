@@ -15,7 +15,8 @@ from imufast.body.result import BodyJoint, BodyStatus, LowerBody, together
 from imufast.body.samples import at_samples
 from imufast.body.settings import Anthropometry, LowerBodySettings
 from imufast.body.solve import Ask, Progress, solve
-from imufast.body.start import STILL, BodyStart
+from imufast.body.stance import STILL
+from imufast.body.start import BodyStart
 from imufast.body.windows import excerpt, through_windows
 from imufast.errors import InputError, SettingsError
 from imufast.imu import Recording

@@ -13,7 +13,8 @@ from imufast.body.problem import center_std_m
 from imufast.body.residuals import residuals
 from imufast.body.result import UNSEEN_DEG, BodyJoint, BodyStatus, LowerBody
 from imufast.body.settings import Anthropometry, LowerBodySettings
-from imufast.body.start import STILL, BodyStart
+from imufast.body.stance import Rests
+from imufast.body.start import BodyStart
 from imufast.frames import STANDING_STD_DEG, spanned, turns_by
 from imufast.imu import Recording
 from imufast.quaternion import from_matrix, matrix, multiply
@@ -30,6 +31,8 @@ UPRIGHT_DEG = STANDING_STD_DEG
 """A pelvis or foot whose frame is upright when its bearer stands, as most are to within this, degrees..."""
 LEANING_DEG = 10.0
 """...or, where nobody stood still, on average over all of the motion."""
+BENT_DEG = 25.0
+"""A thigh or shank without both its joint centres then: who walks has his knees bent by 25 on average, who sits by more."""
 UNLIKELY = 5.0
 """A length that is so many of its usual standard deviations off contradicts what was expected."""
 
@@ -54,6 +57,8 @@ class Reading:
         self.measured = set(frames(layout, fit.centers, fit.axes, start.up))
         self.frames = self.all_frames() if known is None else known
         self.turns = self.turns_of_frames()
+        bones = [name.replace("femur", "thigh").replace("tibia", "shank") for name in layout.bones()]
+        self.boneless = [s for s in layout.segments if s.startswith(("thigh", "shank")) and s not in bones]
         self.loose = self.all_loose()
 
     def read(self, history: Array, why: list[str]) -> LowerBody:
@@ -69,6 +74,10 @@ class Reading:
                 angles[kind][side] = angles_deg(kind, side, relative)
                 stds[kind][side] = self.bands(name)
             joints[name] = self.joint(name)
+        if not self.start.stood:
+            zero = [s for s in layout.segments if s in self.boneless or s.startswith(("pelvis", "foot"))]
+            if zero:
+                why.append(f"the subject never stands still: the zero of {', '.join(zero)} is the average posture")
         undetermined = [name for name, joint in joints.items() if not joint.determined]
         if undetermined:
             why.append(f"the motion leaves open: {', '.join(undetermined)}")
@@ -154,14 +163,18 @@ class Reading:
                 found[k][2] += lean**2  # the hips show the rest
             elif k not in self.measured:
                 found[k] += lean**2
+            elif segment in self.boneless:
+                # The knee's axis shows how it is turned about its length.
+                found[k][[0, 2]] += (lean if self.start.stood else BENT_DEG) ** 2
         return {k: np.radians(1.0) ** 2 * variance for k, variance in enumerate(found)}
 
     def standing(self) -> Rows:
-        """Which moments are quiet; all, where hardly any is."""
+        """Which moments the subject stands in; the quietest tenth, where it never does."""
+        rests = Rests(self.recording, self.layout)
+        stands = rests.samples(rests.standing(self.fit.centers, self.fit.axes, self.start.up))[self.rows]
         imus = [self.recording[name] for name in self.layout.placed.values()]
         fast = np.max([np.linalg.norm(imu.gyr[self.rows], axis=1) for imu in imus], axis=0)
-        quiet = fast < max(STILL, float(np.percentile(fast, 10)))
-        return np.flatnonzero(quiet)
+        return np.flatnonzero(stands if stands.any() else fast <= np.percentile(fast, 10))
 
     def of(self, sensor: int) -> tuple[Array, Array]:
         """(K, 3, 3) sensor to world and (3, 3) segment to sensor."""

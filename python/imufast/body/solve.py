@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imufast import _core
-from imufast.body.anatomy import positions, signed
+from imufast.body.anatomy import positions
 from imufast.body.layout import Layout
 from imufast.body.problem import problem
 from imufast.body.settings import Anthropometry, LowerBodySettings
+from imufast.body.stance import Rests, signed
 from imufast.body.start import BodyStart
 from imufast.imu import Recording
 
@@ -60,7 +61,8 @@ def solve(recording: Recording, ask: Ask, start: BodyStart, stage: str, held: _c
     Args:
         recording: of one layout.
         ask: what is wanted.
-        start: where to start, of this recording.
+        start: where to start, of this recording. Its uprights become those of quiet standing, which a search tells from other
+            rests, unless there is an earlier fit.
         stage: what `progress` is told that this search is.
         held: an earlier fit, whose constants (joint centres and axes) stay as they are, as uncertain as it says. Default
             None: they are searched for, and the search is repeated where an axis turns out to point to the left.
@@ -71,7 +73,8 @@ def solve(recording: Recording, ask: Ask, start: BodyStart, stage: str, held: _c
     q = np.ascontiguousarray(start.q[rows])
     if held is None:
         centers, axes = start.constants(ask.anthropometry)
-        axes = signed(placed, q, centers, axes, start.up)
+        rests = Rests(recording, placed)
+        axes = signed(placed, q, centers, axes, start.up, rests)
     else:
         centers, axes = held.centers, held.axes
     position = positions(placed, q, centers)
@@ -90,13 +93,14 @@ def solve(recording: Recording, ask: Ask, start: BodyStart, stage: str, held: _c
     why: list[str] = []
     history = [fit.trials]
     if held is None:
-        again = signed(placed, fit.q, fit.centers, fit.axes, start.up)
+        again = signed(placed, fit.q, fit.centers, fit.axes, start.up, rests)
         if not np.array_equal(again, fit.axes):
             # An axis that pointed to the left has pushed the knee's centre aside: search once more.
             state = {name: getattr(fit, name) for name in STATE} | {"axes": again}
             fit = _search(graph, state, ask, stage, None)
             history.append(fit.trials)
             why.append("a knee's axis was turned round and the search repeated")
+        start.stand(Rests(recording, placed, fit.acc_bias.mean(axis=0)), fit)
     return Solved(recording, start, rows, fit, np.concatenate(history), tuple(why))
 
 

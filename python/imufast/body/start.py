@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from imufast import _core
 from imufast.body.layout import Layout
 from imufast.body.settings import Anthropometry
+from imufast.body.stance import STILL, Rests
 from imufast.calibrate import calibrate_joint
 from imufast.imu import Imu, Recording
 from imufast.quaternion import conjugate, exp, matrix, multiply, rotate
@@ -17,8 +19,6 @@ from imufast.track import RelativeOrientation, TrackStatus, track
 __all__ = ["BodyStart", "JointStart", "joint_start"]
 
 Array = NDArray[np.float64]
-STILL = 0.3
-"""No sensor turns faster while the subject stands still, rad/s."""
 TILT_S = 10.0
 """Over so long to either side specific force is averaged to tell what is up, s: longer than any movement."""
 
@@ -73,8 +73,8 @@ class BodyStart:
         joints: joint to what its two sensors alone say.
         biases: (S, 2, 3) gyroscope and accelerometer biases, rad/s and m/s²: the mean of what the joints of a sensor say.
         q: (N, S, 4) sensors to the world, from the root down.
-        up: (S, 3) what is upwards in each sensor while the subject stands still, or on average.
-        stood: whether the subject stood still for a second.
+        up: (S, 3) what is upwards in each sensor at rest, else on average; after `stand` while the subject stands.
+        stood: whether it is known to stand still for a second.
     """
 
     def __init__(self, recording: Recording, layout: Layout, before: BodyStart | None = None) -> None:
@@ -98,11 +98,25 @@ class BodyStart:
             self.up: Array = before.up
             self.stood: bool = before.stood
             return
+        self.stood = False
         quiet = np.max([np.linalg.norm(imu.gyr, axis=1) for imu in imus], axis=0) < STILL
-        self.stood = bool(quiet.sum() >= recording.rate_hz)
-        rows = quiet if self.stood else np.ones(len(quiet), dtype=bool)
+        self.up = self._mean_up(quiet if quiet.sum() >= recording.rate_hz else np.ones(len(quiet), dtype=bool))
+
+    def stand(self, rests: Rests, fit: _core.BodyFit) -> None:
+        """Take the uprights from those rests in which the subject stands; where it never does, from all of the motion.
+
+        Args:
+            rests: of this recording or of one that it is a part of.
+            fit: joint centres, and knee axes that point to the right.
+        """
+        standing = rests.standing(fit.centers, fit.axes, self.up)
+        self.stood = bool(standing.any())
+        self.up = rests.up(standing) if self.stood else self._mean_up(np.ones(len(self.q), dtype=bool))
+
+    def _mean_up(self, rows: NDArray[np.bool_]) -> Array:
         up = matrix(self.q[rows])[:, :, 2, :].mean(axis=0)
-        self.up = up / np.linalg.norm(up, axis=1, keepdims=True)
+        unit: Array = up / np.linalg.norm(up, axis=1, keepdims=True)
+        return unit
 
     def constants(self, anthropometry: Anthropometry) -> tuple[Array, Array]:
         """Joint centres and axes; a bone of an impossible length is replaced by the usual one along the upright."""

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from imufast.body.layout import Layout
 from imufast.body.reading import Reading
 from imufast.body.residuals import over_windows
 from imufast.body.result import BodyJoint, BodyStatus, BodyWindow, LowerBody, worst
 from imufast.body.settings import LowerBodySettings
 from imufast.body.solve import Ask, Solved, solve
-from imufast.body.start import STILL, BodyStart
+from imufast.body.stance import STILL, Rests
+from imufast.body.start import BodyStart
 from imufast.imu import BREAK_STEPS, Recording
 from imufast.quaternion import conjugate, multiply, rotate
 
@@ -75,8 +75,8 @@ def excerpt(recording: Recording, names: list[str], settings: LowerBodySettings)
 def through_windows(recording: Recording, informative: Recording, ask: Ask) -> LowerBody:
     """A long recording, window by window, with constants from its informative pieces."""
     begin = BodyStart(informative, ask.layout)
-    begin.up = _upright(recording, ask.layout, begin)
     known = solve(informative, ask, begin, "constants")
+    begin.stand(Rests(recording, ask.layout, known.fit.acc_bias.mean(axis=0)), known.fit)
     whole = Reading(known.recording, ask.layout, ask.anthropometry, known.start, known.rows, known.fit, ask.settings)
     edges = _windows(recording, ask.settings)
     names = list(ask.layout.placed.values())
@@ -112,19 +112,6 @@ def _information(rates: Array, time_s: Array) -> Array:
     # Across a break no rate is a slope.
     k *= (span < 1.5 * np.median(span))[:, :, None, None]
     return np.asarray(np.einsum("pmki,pmkj->pij", k, k))
-
-
-def _upright(recording: Recording, layout: Layout, begin: BodyStart) -> Array:
-    """(S, 3) what is upwards in each sensor while the subject stands, anywhere in the recording: what `BodyStart` says of a
-    piece, from accelerometers alone; where the subject never stands, what it says."""
-    quiet = np.ones(len(recording.time_s), dtype=bool)
-    for name in layout.placed.values():
-        quiet &= np.linalg.norm(recording[name].gyr, axis=1) < STILL
-    if quiet.sum() < recording.rate_hz:
-        return begin.up
-    felt = np.stack([recording[name].acc[quiet].mean(axis=0) for name in layout.placed.values()]) - begin.biases[:, 1]
-    up: Array = felt / np.linalg.norm(felt, axis=1, keepdims=True)
-    return up
 
 
 def _taken(recording: Recording, names: list[str], rows: NDArray[np.intp]) -> Recording:
