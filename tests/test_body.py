@@ -170,6 +170,17 @@ def test_missing_sensors_make_a_smaller_model(missing: tuple[str, ...], joints: 
     assert np.std(error(found, truth, "knee", "right")[:, 0]) < 1.0
 
 
+@pytest.mark.parametrize("segments", [("pelvis", "thigh_left"), ("shank_left", "foot_left")])
+def test_two_sensors_without_a_knee_have_a_centre_and_no_angles(segments: tuple[str, ...]) -> None:
+    truth = simulate_lower_body("profile", seed=3, duration_s=30.0, rate_hz=50.0, **WORN)
+    found = estimate_lower_body(truth.recording, {name: truth.placement[name] for name in segments})
+    assert found.status is BodyStatus.CONVERGED
+    (joint,) = found.joints.values()
+    assert np.isfinite(joint.in_sensors).all()
+    assert not found.hip_angles_deg
+    assert not found.ankle_angles_deg
+
+
 def test_what_must_be_refused_is_refused_by_name() -> None:
     truth = simulate_lower_body("standing", seed=1, duration_s=6.0, rate_hz=50.0)
     rec, place = truth.recording, truth.placement
@@ -183,6 +194,9 @@ def test_what_must_be_refused_is_refused_by_name() -> None:
         (rec, {"pelvis": "pelvis"}, "two segments"),
         (rec, unconnected, "unconnected"),
         (rec.between(0.0, 3.0), place, "at least 5 s"),
+        (rec.between(0.0, 0.01), place, "at least 5 s"),
+        (_slow(rec), place, "5 samples a second"),
+        (_copied(rec), place, "'foot_left' on foot_left hold the same gyr data"),
     ]
     for recording, placement, says in cases:
         with pytest.raises(InputError, match=says):
@@ -191,6 +205,15 @@ def test_what_must_be_refused_is_refused_by_name() -> None:
         estimate_lower_body(rec, place, {"femur": 0.4})  # type: ignore[arg-type]
     with pytest.raises(SettingsError, match="settings"):
         estimate_lower_body(rec, place, settings=3)  # type: ignore[arg-type]
+
+
+def _slow(rec: Recording) -> Recording:
+    return Recording({name: Imu(imu.gyr, imu.acc, rate_hz=5.0, name=name) for name, imu in rec.items()})
+
+
+def _copied(rec: Recording) -> Recording:
+    foot = rec["foot_right"]
+    return Recording({**rec, "foot_left": Imu(foot.gyr, foot.acc, rate_hz=50.0, name="foot_left")})
 
 
 def test_a_subject_who_stands_still_shows_nothing() -> None:

@@ -17,6 +17,7 @@ from imufast.body.skeleton import skeleton
 from imufast.errors import ImufastError, InputError
 from imufast.quaternion import matrix
 from imufast.report import animation, report_json, write_animation, write_json, write_report
+from imufast.report import body_words as words
 
 pytest.importorskip("matplotlib")
 
@@ -97,6 +98,16 @@ def test_what_is_open_is_said_in_words(tmp_path: Path) -> None:
     assert "but not those of right hip" in page
     assert "✗ open" in page
     assert 'class="verdict open"' in page
+
+
+def test_where_every_joint_is_open_nothing_is_called_known() -> None:
+    body = found()
+    lost = replace(body, joints={name: replace(joint, determined=False) for name, joint in body.joints.items()})
+    assert words.headline(lost) == "The motion leaves every joint open"
+    assert "this motion settles no joint" in words.advice(lost)
+    odd = replace(body, residuals=body.residuals | {"hinge": {"knee_left": 4.0}})
+    assert "Something contradicts" in words.advice(odd)
+    assert "Something contradicts" not in words.advice(replace(body, residuals={}))
 
 
 def test_unknown_bands_and_a_search_cut_short_still_make_a_page(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from imufast import _core
 from imufast.errors import InputError
 from imufast.imu import Imu, Recording
 
-__all__ = ["PairSignals", "check_pair", "pair_signals"]
+__all__ = ["PairSignals", "check_pair", "identical", "pair_signals"]
 
 Array = NDArray[np.float64]
 
@@ -59,13 +59,13 @@ def check_pair(imu1: Imu, imu2: Imu, *, same_data: bool = False) -> Recording:
     recording = Recording({"imu1": imu1, "imu2": imu2})
     if len(imu1) < 4:
         raise InputError(f"imu1 and imu2 have {len(imu1)} samples; at least 4 are needed")
-    if not same_data and _are_same(imu1.gyr, imu2.gyr) and imu1.gyr.any():
+    if not same_data and identical(imu1.gyr, imu2.gyr) and imu1.gyr.any():
         raise InputError(f"imu1 ({imu1.name!r}) and imu2 ({imu2.name!r}) hold the same gyr data: give two different sensors")
     return recording
 
 
-def _are_same(a: Array, b: Array) -> bool:
-    """Different ones mostly differ at once."""
+def identical(a: Array, b: Array) -> bool:
+    """Whether two sensors hold the same rows; different ones mostly differ at once."""
     return np.array_equal(a[:1000], b[:1000]) and np.array_equal(a, b)
 
 

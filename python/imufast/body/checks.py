@@ -13,6 +13,7 @@ from imufast.body.stance import STILL
 from imufast.center import estimate_joint_center
 from imufast.errors import InputError, UnitError
 from imufast.imu import Imu, Recording
+from imufast.pairs import identical
 from imufast.plausibility import check_units, dead_channels
 from imufast.quaternion import rotate
 
@@ -37,10 +38,15 @@ def alive(recording: Recording, layout: Layout) -> tuple[Recording, list[str]]:
     """The recording without the stretches in which a placed sensor is frozen, and a sentence on each.
 
     Raises:
-        InputError: a sensor that is dead, wholly, in one channel or for most of the recording; the message names segment and
-            sensor.
+        InputError: a sensor that is dead, wholly, in one channel or for most of the recording, or holds another one's data; the
+            message names segment and sensor.
         UnitError: a sensor whose numbers are not in SI, likewise.
     """
+    for (one, name), (other, again) in combinations(layout.placed.items(), 2):
+        if identical(recording[name].gyr, recording[again].gyr) and recording[name].gyr.any():
+            raise InputError(
+                f"placement: imus {name!r} on {one} and {again!r} on {other} hold the same gyr data: one is a copy"
+            )
     held = {}
     for segment, name in layout.placed.items():
         imu, where = recording[name], f"placement[{segment!r}]: imu {name!r}"

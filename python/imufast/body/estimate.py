@@ -25,6 +25,8 @@ __all__ = ["estimate_lower_body"]
 
 LEAST_S = 5.0
 """Less cannot show how a body moves, s."""
+LEAST_HZ = 10.0
+"""Nor can fewer samples a second."""
 
 
 def estimate_lower_body(
@@ -68,7 +70,7 @@ def estimate_lower_body(
 
     Raises:
         InputError: not a recording; a placement that names no segment or sensor, uses a sensor twice, or leaves a segment
-            without a neighbour; a dead sensor; less than 5 s.
+            without a neighbour; a dead sensor; two that hold the same data; less than 5 s or 10 Hz.
         UnitError: a sensor whose numbers are not in SI.
         SettingsError: not an Anthropometry or LowerBodySettings.
     """
@@ -78,10 +80,9 @@ def estimate_lower_body(
     if settings is not None and not isinstance(settings, LowerBodySettings):
         raise SettingsError(f"settings must be a LowerBodySettings or None, got {type(settings).__name__}")
     measures, how = anthropometry or Anthropometry(), settings or LowerBodySettings()
+    _check_length(recording, [])
     recording, why = alive(recording, placed)
-    if recording.time_s[-1] - recording.time_s[0] < LEAST_S:
-        lasts = f"{recording.time_s[-1] - recording.time_s[0]:.3g} s"
-        raise InputError("; ".join([f"recording lasts {lasts}; give at least 5 s of motion", *why]))
+    _check_length(recording, why)
     still = stands_still(recording, placed)
     pieces = excerpt(recording, list(placed.placed.values()), how)
     swapped = [] if still else misplaced(pieces or recording, placed)
@@ -94,6 +95,15 @@ def estimate_lower_body(
     swapped += legs_swapped(placed, found.q, hips, found.knee_axis)
     status = BodyStatus.PLACEMENT_CONTRADICTED if swapped else found.status
     return replace(found, status=status, why=(*swapped, *why, *found.why), placement=dict(placed.placed))
+
+
+def _check_length(recording: Recording, why: list[str]) -> None:
+    """Refuse what is too short, or sampled too rarely; `why`: what has been left out of it."""
+    lasts_s = recording.time_s[-1] - recording.time_s[0]
+    if lasts_s < LEAST_S:
+        raise InputError("; ".join([f"recording lasts {lasts_s:.3g} s; give at least {LEAST_S:g} s of motion", *why]))
+    if recording.rate_hz < 0.99 * LEAST_HZ:
+        raise InputError(f"recording has {recording.rate_hz:.3g} samples a second; give at least {LEAST_HZ:g}")
 
 
 def _part(recording: Recording, pieces: Recording | None, ask: Ask) -> LowerBody:

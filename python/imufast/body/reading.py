@@ -197,7 +197,7 @@ class Reading:
                         axes[n, end] = axis / np.linalg.norm(axis)
                         at += 2
             now = frames(layout, centers, axes, self.start.up)
-            return np.stack([now.get(k, frame).T for k, frame in self.frames.items()])
+            return np.array([now.get(k, frame).T for k, frame in self.frames.items()]).reshape(-1, 3, 3)
 
         count = len(fit.constants_covariance)
         turns = turns_by(rows, rows(np.zeros(count)), count)

@@ -89,7 +89,7 @@ def body(
     sensors; without FILES the placement's own are read.
 
     Exit codes: 0 found (what the motion leaves open is named), 2 wrong input, 3 the motion determines none of the joints, 4 the
-    search did not end as it should.
+    search did not end as it should, or the sensors are not where the placement says.
     """
     with guard() as warned:
         placement = read_placement(placement_path)
@@ -107,12 +107,15 @@ def body(
         columns, shown = _names(names, out_path), _span(span, animate_path)
         recording = read_files(files, **reading)
         sensors = placement.sensors(recording)
+        lasts_s = float(recording.time_s[-1] - recording.time_s[0])
+        if shown is not None and shown[1] > lasts_s + 1e-6:
+            raise InputError(f"--span must lie within the recording, 0:{lasts_s:.6g}, got {span!r}")
         with show.working("Time offsets between the sensors of the knees"):
             late = _offsets(recording, sensors)
         for text in late:
             warned.append(text)
             show.warning(text)
-        duration = words.duration(float(recording.time_s[-1] - recording.time_s[0]))
+        duration = words.duration(lasts_s)
         with show.working(f"Lower body on {duration} of motion: each joint alone") as tell:
             found = estimate_lower_body(
                 recording,
@@ -128,8 +131,10 @@ def body(
 
 
 def _exit_code(found: LowerBody) -> int:
-    """0 found, 3 not observable, 4 the search did not end as it should."""
-    return {BodyStatus.CONVERGED: 0, BodyStatus.NOT_OBSERVABLE: NOT_OBSERVABLE}.get(found.status, NOT_FINISHED)
+    """0 found, 3 no joint determined, 4 the search did not end as it should, or the placement is contradicted."""
+    if found.status not in (BodyStatus.CONVERGED, BodyStatus.NOT_OBSERVABLE):
+        return NOT_FINISHED
+    return 0 if any(joint.determined for joint in found.joints.values()) else NOT_OBSERVABLE
 
 
 def _offsets(recording: Recording, sensors: dict[str, str]) -> list[str]:

@@ -34,7 +34,8 @@ def orientation(rel: RelativeOrientation, imu1: Imu, imu2: Imu, calibration: str
     say(told.certainty(rel))
     share = told.vague_share(rel)
     if share:
-        say(f"less certain than {VAGUE_DEG:g}°: {100.0 * share:.2g} % of the samples")
+        percent = format(100.0 * share, ".2g" if share < 0.995 else ".3g")
+        say(f"less certain than {VAGUE_DEG:g}°: {percent} % of the samples")
     say(told.start(rel))
     gaps = imu1.gaps
     missing = f"{len(gaps)}, {imu1.lost} samples missing" if len(gaps) else "none"

@@ -17,6 +17,7 @@ from imufast.body.skeleton import skeleton
 from imufast.errors import ImufastError, InputError
 from imufast.files import check_target, replacing
 from imufast.imu import GAP_STEPS
+from imufast.report.body_content import liveliest
 
 __all__ = ["ANIMATION_FORMATS", "check_animation_target", "write_animation"]
 
@@ -94,7 +95,7 @@ def _times(body: LowerBody, span_s: tuple[float, float] | None, rate_hz: float) 
     if span_s is None:
         first, last = start, stop
         if stop - start > LONGEST_S:
-            first = min(max(_liveliest_s(body) - 0.5 * LONGEST_S, start), stop - LONGEST_S)
+            first = min(max(float(body.time_s[liveliest(body, LONGEST_S)]) - 0.5 * LONGEST_S, start), stop - LONGEST_S)
             last = first + LONGEST_S
     else:
         try:
@@ -112,17 +113,6 @@ def _times(body: LowerBody, span_s: tuple[float, float] | None, rate_hz: float) 
     if not len(whole):
         raise InputError("span_s lies in a gap of the recording: there is nothing to draw")
     return np.asarray(whole)
-
-
-def _liveliest_s(body: LowerBody) -> float:
-    """The middle of the minute over which knees, else whatever there is, move most, s."""
-    every = [angles[:, 0] for kind in ("knee", "hip", "ankle") for angles in getattr(body, f"{kind}_angles_deg").values()]
-    if not every:
-        return float(body.time_s[0])
-    total = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(every[:2], axis=1)).sum(axis=0))])
-    first = np.searchsorted(body.time_s, body.time_s - 0.5 * LONGEST_S)
-    last = np.minimum(np.searchsorted(body.time_s, body.time_s + 0.5 * LONGEST_S), len(total) - 1)
-    return float(body.time_s[int(np.argmax(total[last] - total[first]))])
 
 
 def _frames(body: LowerBody, times: Array, title: str | None, progress: Callable[[int, int], object] | None) -> Iterator[Image]:

@@ -16,7 +16,7 @@ from imufast.imu import GAP_STEPS
 from imufast.report import body_words as words
 from imufast.report.thin import kept_samples, longest_spans
 
-__all__ = ["body_plain"]
+__all__ = ["body_plain", "liveliest"]
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ def body_plain(body: LowerBody, warnings: Sequence[str], most: int | None) -> di
     """All that is told of it but for schema and title; curves thinned to about `most` moments, extremes kept."""
     time = body.time_s
     start = float(time[0])
-    lively = _liveliest(body)
+    lively = liveliest(body, CLOSE_S)
     close = _close(time, lively)
     return {
         "status": body.status,
@@ -121,16 +121,17 @@ def _finite(std: Array) -> Array:
     return np.where(np.isfinite(std), std, 180.0)
 
 
-def _liveliest(body: LowerBody) -> int:
-    """The moment about which knees (else whatever there is) move most, over as long as is shown from near."""
-    every = [getattr(body, f"{kind}_angles_deg")[side][:, 0] for kind, side in _joints_with_angles(body) if kind == "knee"]
-    every = every or [getattr(body, f"{kind}_angles_deg")[side][:, 0] for kind, side in _joints_with_angles(body)]
+def liveliest(body: LowerBody, over_s: float) -> int:
+    """The moment about which knees (else whatever there is) move most, over so long."""
+    with_angles = _joints_with_angles(body)
+    knees = [pair for pair in with_angles if pair[0] == "knee"]
+    every = [getattr(body, f"{kind}_angles_deg")[side][:, 0] for kind, side in knees or with_angles]
     if not every or len(body.time_s) < 3:
         return 0
     speed = np.abs(np.diff(np.stack(every), axis=1)).sum(axis=0)
     total = np.concatenate([[0.0], np.cumsum(speed)])
-    first = np.searchsorted(body.time_s, body.time_s - 0.5 * CLOSE_S)
-    last = np.minimum(np.searchsorted(body.time_s, body.time_s + 0.5 * CLOSE_S), len(total) - 1)
+    first = np.searchsorted(body.time_s, body.time_s - 0.5 * over_s)
+    last = np.minimum(np.searchsorted(body.time_s, body.time_s + 0.5 * over_s), len(total) - 1)
     # Not of a jump across a gap.
     return int(np.argmax((total[last] - total[first]) * ((last - first) > 0.5 * (last - first).max())))
 

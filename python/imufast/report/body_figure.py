@@ -227,7 +227,7 @@ def history_picture(report: dict[str, Any]) -> str:
     best = float(np.nanmin(np.concatenate([numbers["cost"], numbers["tried"]])))
     figure = Figure(figsize=(WIDTH_IN, 2.5), facecolor="none")
     panel = figure.add_axes((0.075, 0.18, 0.86, 0.68))
-    _style(panel, "The search, system by system")
+    _style(panel, "")
     # What is reached is drawn at the tolerance: a logarithm knows no zero.
     least = max(float(report["settings"]["tolerance"]), 1e-6)
     after = np.maximum(numbers["tried"] - best, least)

@@ -46,13 +46,14 @@ _HEADLINES: dict[str, str] = {
     BodyStatus.NUMERICAL_ERROR: "The numbers overflow: are they in the right unit?",
     "PLACEMENT_CONTRADICTED": "The sensors are not where the placement says",
 }
+MORE_MOTION = "Record more motion: walk, stand up, bend and turn each hip, for half a minute or more."
 _ADVICE: dict[str, str] = {
     BodyStatus.CONVERGED: "The angles below can be used, within their bands.",
     BodyStatus.STALLED: "Take the numbers with care: they are the best that was found, not the minimum, and their bands do not "
     "know of it.",
     BodyStatus.MAX_ITERATIONS: "Take the numbers with care: they are the best that was found, not the minimum, and their bands "
     "do not know of it.",
-    BodyStatus.NOT_OBSERVABLE: "Do not use these angles. Record more motion: walk, stand up, bend and turn each hip.",
+    BodyStatus.NOT_OBSERVABLE: f"Do not use these angles. {MORE_MOTION}",
     BodyStatus.NUMERICAL_ERROR: "Check the units of the recording.",
     "PLACEMENT_CONTRADICTED": "The numbers are of no use: correct the placement as the notes say, and run it again.",
 }
@@ -71,6 +72,8 @@ def headline(body: LowerBody) -> str:
     """The status as one sentence without a full stop."""
     said = _HEADLINES[body.status]
     open_ = [name for name, joint in body.joints.items() if not joint.determined]
+    if body.status is BodyStatus.CONVERGED and len(open_) == len(body.joints):
+        return "The motion leaves every joint open"
     if body.status is BodyStatus.CONVERGED and open_:
         return f"{said}, but for what the motion leaves open"
     return said
@@ -79,8 +82,11 @@ def headline(body: LowerBody) -> str:
 def advice(body: LowerBody) -> str:
     """What to do with the result."""
     open_ = [name for name, joint in body.joints.items() if not joint.determined]
+    if body.status is BodyStatus.CONVERGED and len(open_) == len(body.joints):
+        return "Take these angles with great care, if at all: this motion settles no joint. " + MORE_MOTION
     if body.status is not BodyStatus.CONVERGED or not open_:
-        return _ADVICE[body.status]
+        doubt = body.status is BodyStatus.CONVERGED and residual_words(body)
+        return _ADVICE[body.status] + (" Something contradicts what was assumed: see how well it fits." if doubt else "")
     return (
         f"The angles below can be used, within their bands, but not those of {', '.join(map(name_words, open_))}: turn these "
         "joints about more than one axis, and briskly, while the whole body moves."
