@@ -236,6 +236,15 @@ def test_a_long_break_leaves_both_sides_sound(walk: LowerBodySimulation) -> None
     assert np.std(off[found.time_s > 12.0]) < 3.0
 
 
+@pytest.mark.parametrize("left", [1, 10])
+def test_a_stub_beyond_a_gap_is_left_out(walk: LowerBodySimulation, left: int) -> None:
+    keep = np.r_[0 : len(walk.time_s) - 200, len(walk.time_s) - left : len(walk.time_s)]
+    imus = {n: Imu(walk.gyr[n][keep], walk.acc[n][keep], time_s=walk.time_s[keep], name=n) for n in SEGMENTS}
+    found = estimate_lower_body(Recording(imus), walk.placement)
+    assert found.time_s[-1] < walk.time_s[-190]
+    assert "left out: 1 piece shorter than 0.5 s between gaps" in found.why
+
+
 def test_unequal_lengths_and_bad_numbers_are_refused_by_name(walk: LowerBodySimulation) -> None:
     short = Imu(walk.gyr["pelvis"][:-5], walk.acc["pelvis"][:-5], rate_hz=50.0, name="pelvis")
     with pytest.raises(InputError, match=r"'thigh_right' and 'pelvis'.*align"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations, permutations
+from itertools import combinations, pairwise, permutations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,17 +12,19 @@ from imufast.body.layout import SIDES, Layout
 from imufast.body.stance import STILL
 from imufast.center import estimate_joint_center
 from imufast.errors import InputError, UnitError
-from imufast.imu import Imu, Recording
+from imufast.imu import BREAK_STEPS, Imu, Recording
 from imufast.pairs import identical
 from imufast.plausibility import check_units, dead_channels
 from imufast.quaternion import rotate
 
-__all__ = ["Assignments", "alive", "legs_swapped", "misplaced", "stands_still"]
+__all__ = ["Assignments", "alive", "legs_swapped", "misplaced", "stands_still", "without_islands"]
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]
 FROZEN_S = 0.5
 """A sensor that repeats one row for so long, while others change, is frozen, s."""
+ISLAND_S = 0.5
+"""Less than this between two gaps says nothing, s."""
 FLOOR = 0.01
 """Misfits of a joint centre are told apart down to this, m/s²: below, noise decides."""
 WORST = 10.0
@@ -77,14 +79,36 @@ def alive(recording: Recording, layout: Layout) -> tuple[Recording, list[str]]:
             for start, stop in zip(edges[::2], edges[1::2], strict=True)
         ]
         bad |= own
-    if not bad.any():
+    return _kept(recording, layout, ~bad), why
+
+
+def without_islands(recording: Recording, layout: Layout, bridge_s: float) -> tuple[Recording, list[str]]:
+    """The recording without what lies between two gaps of more than `bridge_s` s and is shorter than `ISLAND_S`, and a sentence
+    on that: too little for gyroscopes to say anything, so that any posture would fit."""
+    time = recording.time_s
+    edges = np.flatnonzero(np.diff(time) > max(bridge_s, BREAK_STEPS / recording.rate_hz)) + 1
+    stretches = list(pairwise([0, *edges.tolist(), len(time)]))
+    islands = [(start, stop) for start, stop in stretches if time[stop - 1] - time[start] < ISLAND_S]
+    rows = np.ones(len(time), dtype=bool)
+    for start, stop in islands:
+        rows[start:stop] = False
+    if not islands or not rows.any():
         return recording, []
-    kept = {
-        name: imu._replace(gyr=imu.gyr[~bad], acc=imu.acc[~bad], time_s=imu.time_s[~bad])
-        for name, imu in recording.items()
-        if name in layout.placed.values()
-    }
-    return Recording(kept), why
+    many = "1 piece" if len(islands) == 1 else f"{len(islands)} pieces"
+    return _kept(recording, layout, rows), [f"left out: {many} shorter than {ISLAND_S:g} s between gaps"]
+
+
+def _kept(recording: Recording, layout: Layout, rows: Rows) -> Recording:
+    """Some samples of the placed sensors; all: as it is."""
+    if rows.all():
+        return recording
+    return Recording(
+        {
+            name: imu._replace(gyr=imu.gyr[rows], acc=imu.acc[rows], time_s=imu.time_s[rows])
+            for name, imu in recording.items()
+            if name in layout.placed.values()
+        }
+    )
 
 
 def stands_still(recording: Recording, layout: Layout) -> bool:

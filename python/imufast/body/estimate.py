@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from imufast.body.checks import alive, legs_swapped, misplaced, stands_still
+from imufast.body.checks import alive, legs_swapped, misplaced, stands_still, without_islands
 from imufast.body.layout import layout
 from imufast.body.reading import Reading
 from imufast.body.result import BodyJoint, BodyStatus, LowerBody, together
@@ -66,7 +66,7 @@ def estimate_lower_body(
     Returns:
         LowerBody. What the motion leaves open is said joint by joint, not raised; sensors that look swapped are a status, and
         so is a subject who stands still (then every standard deviation is infinite). A stretch in which a sensor is frozen is
-        a gap to all.
+        a gap to all; less than half a second between two gaps is left out.
 
     Raises:
         InputError: not a recording; a placement that names no segment or sensor, uses a sensor twice, or leaves a segment
@@ -82,6 +82,8 @@ def estimate_lower_body(
     measures, how = anthropometry or Anthropometry(), settings or LowerBodySettings()
     _check_length(recording, [])
     recording, why = alive(recording, placed)
+    recording, islands = without_islands(recording, placed, how.bridge_s)
+    why += islands
     _check_length(recording, why)
     still = stands_still(recording, placed)
     pieces = excerpt(recording, list(placed.placed.values()), how)
