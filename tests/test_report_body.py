@@ -177,6 +177,13 @@ def test_two_legs_without_a_pelvis_stand_beside_each_other() -> None:
     assert drawn.assumed >= {"hip_right", "hip_left"}
 
 
+def test_a_shank_without_its_knee_hangs_below_the_other_hip() -> None:
+    body = found("pelvis", "thigh_left")
+    points = skeleton(body).points
+    assert float((points["knee_left"] - points["hip_right"])[:, 2].max()) < -0.3
+    assert words.headline(body).startswith("The legs are known")
+
+
 def test_a_gap_is_no_line_and_no_picture() -> None:
     truth = simulated()
     keep = (truth.time_s < 11.0) | (truth.time_s > 13.0)

@@ -86,5 +86,6 @@ def _std(by_turns: Array, by_constants: Array, covariance: tuple[Array, Array, A
     own, beside, constants = covariance
     variance = (by_turns @ own * by_turns).sum(axis=2) + (by_constants @ constants * by_constants).sum(axis=2)
     variance += 2.0 * (by_turns @ beside * by_constants).sum(axis=2)
-    std: Array = np.minimum(np.degrees(np.sqrt(np.maximum(variance, 0.0) + more)), 180.0)
+    # Below zero is what rounding makes of something that nothing determines.
+    std: Array = np.minimum(np.degrees(np.sqrt(np.where(variance < 0.0, np.inf, variance) + more)), 180.0)
     return std

@@ -244,7 +244,8 @@ class Reading:
             own = fit.joint_covariance[:, j].reshape(-1, 6, 6)
             # Heading: the turn about the upright, of one sensor against the other.
             variance = own[:, 2, 2] + own[:, 5, 5] - 2.0 * own[:, 2, 5]
-            heading = np.degrees(np.sqrt(np.maximum(variance, 0.0)))
+            # Below zero is what rounding makes of something that nothing determines.
+            heading = np.degrees(np.sqrt(np.where(variance < 0.0, np.inf, variance)))
             for side in (0, 1):
                 block = fit.constants_covariance[
                     6 * j + 3 * side : 6 * j + 3 * side + 3, 6 * j + 3 * side : 6 * j + 3 * side + 3

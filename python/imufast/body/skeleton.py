@@ -70,7 +70,8 @@ def skeleton(body: LowerBody) -> Skeleton:
         if shank not in body.q:
             continue
         if knee not in points:
-            points[knee] = np.zeros((count, 3))
+            # Beside the other leg's, where there is one.
+            points[knee] = np.broadcast_to([0.0, 0.0, -measures.femur_m[0]], (count, 3))
             assumed.add(knee)
         near = body.joints[knee].in_sensors[1] if knee in body.joints else None
         far = body.joints[ankle].in_sensors[0] if ankle in body.joints else None

@@ -71,6 +71,11 @@ LIMITS_OF_USE = (
 def headline(body: LowerBody) -> str:
     """The status as one sentence without a full stop."""
     said = _HEADLINES[body.status]
+    if "pelvis" not in body.q:
+        said = said.replace(
+            "Pelvis and legs", "The legs" if len({name.partition("_")[2] for name in body.q}) > 1 else "The leg"
+        )
+        said = said.replace("The leg are", "The leg is")
     open_ = [name for name, joint in body.joints.items() if not joint.determined]
     if body.status is BodyStatus.CONVERGED and len(open_) == len(body.joints):
         return "The motion leaves every joint open"
