@@ -18,6 +18,7 @@ from imufast.body.start import BodyStart
 from imufast.frames import STANDING_STD_DEG, spanned, turns_by
 from imufast.imu import Recording
 from imufast.quaternion import from_matrix, matrix, multiply
+from imufast.track import UNKNOWN_DEG
 
 __all__ = ["Reading"]
 
@@ -134,13 +135,15 @@ class Reading:
         found = frames(self.layout, self.fit.centers, self.fit.axes, self.start.up)
         self.measured = set(found)
         quiet = self.standing()
-        for upper, lower in self.layout.joints.values():
-            # What has no frame of its own: upright as when standing, to the right as its neighbour then is.
+        for name, (upper, lower) in self.layout.joints.items():
+            # What has no frame of its own: upright as when standing, to the right as its neighbour then is, above all where the
+            # heading of one against the other is certain.
+            weight = 1.0 / (1.0 + np.minimum(self.heading_deg(name)[quiet], UNKNOWN_DEG) ** 2)
             for known, open_ in ((upper, lower), (lower, upper)):
                 if known in found and open_ not in found:
                     right = self.turned[quiet, known] @ found[known][:, 2]
                     across = np.swapaxes(self.turned[quiet, open_], 1, 2) @ right[:, :, None]
-                    found[open_] = spanned("proximal", self.start.up[open_], "right", across[:, :, 0].mean(axis=0)).T
+                    found[open_] = spanned("proximal", self.start.up[open_], "right", weight @ across[:, :, 0]).T
         return found
 
     def all_loose(self) -> dict[int, Array]:
@@ -209,11 +212,23 @@ class Reading:
         j, (upper, lower), (kind, side) = layout.names.index(name), layout.joints[name], name.split("_")
         if fit.joint_covariance is None or fit.joint_constants is None or fit.constants_covariance is None:
             return np.full((len(self.turned), 3), np.inf)
-        own = fit.joint_covariance[:, j].reshape(-1, 6, 6)
+        own = fit.joint_covariance[:, j].reshape(-1, 6, 6).copy()
+        # The search is local, and so is what it says of a heading that is open: that may be anywhere.
+        own[self.heading_deg(name) > UNSEEN_DEG, 5, 5] += np.radians(UNKNOWN_DEG) ** 2
         beside = fit.joint_constants[:, 6 * j : 6 * j + 6]
         covariance = (own, beside, fit.constants_covariance + self.shifted())
         turns, loose = ((of[upper], of[lower]) for of in (self.turns, self.loose))
         return std_deg(kind, side, self.of(upper), self.of(lower), turns, covariance, loose)
+
+    def heading_deg(self, name: str) -> Array:
+        """(K,) standard deviation of the turn about the upright of a joint's one sensor against the other, degrees."""
+        if self.fit.joint_covariance is None:
+            return np.full(len(self.rows), np.inf)
+        own = self.fit.joint_covariance[:, self.layout.names.index(name)].reshape(-1, 6, 6)
+        variance = own[:, 2, 2] + own[:, 5, 5] - 2.0 * own[:, 2, 5]
+        # Below zero is what rounding makes of something that nothing determines.
+        heading: Array = np.degrees(np.sqrt(np.where(variance < 0.0, np.inf, variance)))
+        return heading
 
     def shifted(self) -> Array:
         """(C, C) what soft tissue adds to the covariance of the constants: to joint centres, m²."""
@@ -238,14 +253,9 @@ class Reading:
         """What was found of a joint, and whether that is to be believed."""
         fit, start = self.fit, self.start.joints[name]
         j, (upper, lower) = self.layout.names.index(name), self.layout.joints[name]
-        heading = np.full(len(self.rows), np.inf)
+        heading = self.heading_deg(name)
         center_std, shown = np.full(2, np.inf), np.inf
-        if fit.joint_covariance is not None and fit.constants_covariance is not None:
-            own = fit.joint_covariance[:, j].reshape(-1, 6, 6)
-            # Heading: the turn about the upright, of one sensor against the other.
-            variance = own[:, 2, 2] + own[:, 5, 5] - 2.0 * own[:, 2, 5]
-            # Below zero is what rounding makes of something that nothing determines.
-            heading = np.degrees(np.sqrt(np.where(variance < 0.0, np.inf, variance)))
+        if fit.constants_covariance is not None:
             for side in (0, 1):
                 block = fit.constants_covariance[
                     6 * j + 3 * side : 6 * j + 3 * side + 3, 6 * j + 3 * side : 6 * j + 3 * side + 3
