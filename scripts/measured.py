@@ -23,6 +23,8 @@ BENCHES = (
     "benches/papers/remmerswaal2021/run.py",
     "benches/stream.py",
     "benches/speed.py",
+    "benches/body/gtsam_peer.py",
+    "benches/body/long.py",
 )
 
 

@@ -1,6 +1,7 @@
 """Long recordings: time, and peak memory without what goes in and comes out, of ten minutes and of an hour.
 
     python benches/body/long.py [MINUTES ...]        default 5 10 20 60
+    python benches/body/long.py --markdown [MINUTES ...]        default 10 60, without the comparison of the last lines
 
 A simulated subject (seed 1, biases, no soft tissue) alternates between walking, the motion profile, walking and standing, a
 minute each with a second unrecorded between them. One process simulates and leaves the samples in files, another maps these and
@@ -24,6 +25,10 @@ import imufast
 import numpy as np
 from imufast.body import LowerBody, LowerBodySettings, estimate_lower_body
 from imufast.simulate import LowerBodySimulation, simulate_lower_body
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from measuring import setting, table
 
 MOTIONS = ("walking", "profile", "walking", "standing")
 KINDS = ("knee", "hip", "ankle")
@@ -115,11 +120,14 @@ def main() -> None:
         folder = Path(sys.argv[2])
         run(folder) if sys.argv[1] == "run" else write(folder, int(sys.argv[3]))
         return
-    for minutes in [int(m) for m in sys.argv[1:]] or [5, 10, 20, 60]:
-        with tempfile.TemporaryDirectory() as place:
-            subprocess.run([sys.executable, __file__, "write", place, str(minutes)], check=True)
-            said = subprocess.run([sys.executable, "-W", "ignore", __file__, "run", place], check=True, capture_output=True)
-            r = json.loads(said.stdout)
+    markdown = sys.argv[1:2] == ["--markdown"]
+    asked = [int(m) for m in sys.argv[1 + markdown :]]
+    if markdown:
+        print(setting(), end="\n\n")
+        tabled(asked or [10, 60])
+        return
+    for minutes in asked or [5, 10, 20, 60]:
+        r = measured(minutes)
         print(
             f"{minutes:3} min: {r['s']:6.1f} s ({r['s'] / minutes:.2f} s a minute), {r['windows']} windows, {r['status']}; "
             f"peak {r['peak']:.0f} MB, of which before {r['before']:.0f}, samples {r['in']:.0f}, result {r['out']:.0f}, rest "
@@ -128,6 +136,35 @@ def main() -> None:
             flush=True,
         )
     compare()
+
+
+def measured(minutes: int) -> Any:
+    """One recording, in processes of its own."""
+    with tempfile.TemporaryDirectory() as place:
+        subprocess.run([sys.executable, __file__, "write", place, str(minutes)], check=True)
+        said = subprocess.run([sys.executable, "-W", "ignore", __file__, "run", place], check=True, capture_output=True)
+        return json.loads(said.stdout)
+
+
+def tabled(lengths: list[int]) -> None:
+    rows = []
+    for minutes in lengths:
+        r = measured(minutes)
+        rest = r["peak"] - r["before"] - r["in"] - r["out"]
+        knees = " / ".join(f"{v:.2f}" for v in r["knee"])
+        held = " / ".join(f"{100 * v:.0f} %" for v in r["held"])
+        cells = [
+            r["windows"] or "whole",
+            f"{r['s']:.1f}",
+            f"{r['s'] / minutes:.2f}",
+            f"{r['peak']:.0f}",
+            f"{rest:.0f}",
+            knees,
+            held,
+        ]
+        rows.append([f"{minutes} min", *cells, r["status"]])
+    head = ("recording", "windows", "processor, s", "s a minute", "peak, MB", "without samples, result, imports, MB")
+    print(table((*head, "knee flexion RMSE right / left, °", "within two standard deviations", "status"), rows, markdown=True))
 
 
 if __name__ == "__main__":
