@@ -79,6 +79,8 @@ def test_knees_look_like_gait(body: LowerBody, side: str) -> None:
     assert 65.0 < float(knee[(time > 17.0) & (time < 34.0)].mean()) < 100.0
     assert 50.0 < float(np.percentile(knee[walking], 97.0)) < 80.0
     assert -10.0 < float(np.percentile(knee[walking], 3.0)) < 12.0
+    # The pelvis is upright when standing, though the subject sits still for longer.
+    assert abs(float(hip[time < 2.0].mean())) < 12.0
     # The hip swings by 40 degrees or so, and bends most when the other leg is behind.
     assert 30.0 < float(np.ptp(np.percentile(hip[walking], [5.0, 95.0]))) < 65.0
     other = body.hip_angles_deg["left" if side == "right" else "right"][walking, 0]

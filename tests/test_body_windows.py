@@ -15,7 +15,7 @@ from imufast.body.start import BodyStart
 from imufast.body.windows import excerpt
 from imufast.imu import Imu, Recording
 from imufast.quaternion import conjugate, multiply
-from imufast.simulate import LowerBodySimulation, simulate_lower_body
+from imufast.simulate import LegTissue, LowerBodySimulation, simulate_lower_body
 
 WORN: dict[str, Any] = {"gyr_bias": 0.005, "acc_bias": 0.05}
 SHORT = LowerBodySettings(window_s=20.0)
@@ -173,3 +173,16 @@ def test_legs_without_a_pelvis_and_swapped_legs_in_windows(truth: LowerBodySimul
 def _other(segment: str) -> str:
     kind, _, side = segment.partition("_")
     return f"{kind}_{'left' if side == 'right' else 'right'}"
+
+
+def test_a_foot_that_rests_after_a_break_spoils_no_other_moment() -> None:
+    """Its heading is open there: bands say so, and its frame comes from where it is not."""
+    motions = ("walking", "sit_to_stand")
+    truth = simulate_lower_body(motions, seed=1, duration_s=30.0, rate_hz=50.0, soft_tissue=LegTissue(), **WORN)
+    found = estimate_lower_body(truth.recording, truth.placement)
+    rows = np.searchsorted(truth.time_s, found.time_s - 1e-9)
+    rests = np.array(truth.motion)[rows] == "sit_to_stand"
+    for side in SIDES:
+        turned = found.ankle_angles_deg[side][:, 2] - truth.ankle_angles_deg[side][rows, 2]
+        assert np.abs(turned[~rests]).max() < 8.0
+        assert (np.abs((turned + 180.0) % 360.0 - 180.0) < 2.0 * found.ankle_std_deg[side][:, 2]).mean() > 0.95
