@@ -286,10 +286,10 @@ def markdown(peer_seconds: float) -> None:
     for seed in range(1, 6):
         S = Sim(90.0, seed=seed, sta=1.0)
         found, wall, _ = estimated(S)
-        for side, off in knee_errors(S, found).items():
+        for side, error in knee_errors(S, found).items():
             std = found.knee_std_deg[side][:, 0]
-            held = 100 * np.mean(np.abs(off) < 1.645 * std)
-            rmse, spread = np.sqrt(np.mean(off**2)), off.std()
+            held = 100 * np.mean(np.abs(error) < 1.645 * std)
+            rmse, spread = np.sqrt(np.mean(error**2)), error.std()
             cells = [f"{rmse:.2f}", f"{spread:.2f}", f"{np.median(std):.2f}", f"{held:.0f} %", found.iterations, f"{wall:.1f}"]
             rows.append([f"seed {seed}, {side}", *cells])
     heads = ("knee", "flexion RMSE, °", "without offset, °", "stated, °", "90 % band holds", "iterations", "s")

@@ -134,15 +134,17 @@ class Reading:
         """Sensor to (3, 3), segment to sensor, of all that have a neighbour whose frame is known."""
         found = frames(self.layout, self.fit.centers, self.fit.axes, self.start.up)
         self.measured = set(found)
-        quiet = self.standing()
+        standing = self.standing()
         for name, (upper, lower) in self.layout.joints.items():
             # What has no frame of its own: upright as when standing, to the right as its neighbour then is, above all where the
-            # heading of one against the other is certain.
-            weight = 1.0 / (1.0 + np.minimum(self.heading_deg(name)[quiet], UNKNOWN_DEG) ** 2)
+            # heading of one against the other is certain; where it never is while standing, on average over the motion.
+            heading = self.heading_deg(name)
+            rows = standing if (heading[standing] < UNSEEN_DEG).any() else np.arange(len(heading))
+            weight = 1.0 / (1.0 + np.minimum(heading[rows], UNKNOWN_DEG) ** 2)
             for known, open_ in ((upper, lower), (lower, upper)):
                 if known in found and open_ not in found:
-                    right = self.turned[quiet, known] @ found[known][:, 2]
-                    across = np.swapaxes(self.turned[quiet, open_], 1, 2) @ right[:, :, None]
+                    right = self.turned[rows, known] @ found[known][:, 2]
+                    across = np.swapaxes(self.turned[rows, open_], 1, 2) @ right[:, :, None]
                     found[open_] = spanned("proximal", self.start.up[open_], "right", weight @ across[:, :, 0]).T
         return found
 

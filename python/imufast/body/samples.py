@@ -33,8 +33,8 @@ def at_samples(body: LowerBody, recording: Recording) -> LowerBody:
     # Before the first moment and after the last the gyroscopes alone tell.
     rows = np.arange(len(time_s))
     before = np.clip(np.searchsorted(at, rows, side="right") - 1, 0, max(len(at) - 2, 0))
-    share = np.clip(_share(time_s, body.time_s, before), 0.0, 1.0)
     bridge_s = body.settings.bridge_s
+    share = _share(time_s, at, before, bridge_s)
     q = {
         segment: _turned(recording[body.placement[segment]], own, at, before, share, bridge_s)
         for segment, own in body.q.items()
@@ -77,11 +77,15 @@ def at_samples(body: LowerBody, recording: Recording) -> LowerBody:
     )
 
 
-def _share(time_s: Array, moments_s: Array, before: Rows) -> Array:
-    """(N,) how much of the way from the moment before to the next has passed."""
-    if len(moments_s) < 2:
+def _share(time_s: Array, at: Rows, before: Rows, bridge_s: float) -> Array:
+    """(N,) how much of the way from the moment before to the next has passed, 0 to 1; of a way across a longer gap than
+    `bridge_s`, that gap is all."""
+    if len(at) < 2:
         return np.zeros(len(time_s))
-    share: Array = (time_s - moments_s[before]) / (moments_s[before + 1] - moments_s[before])
+    steps = np.diff(time_s)
+    passed = np.concatenate([[0.0], np.cumsum(np.where(steps > bridge_s, 1e6 * steps, steps))])
+    way = passed[at]
+    share: Array = np.clip((passed - way[before]) / (way[before + 1] - way[before]), 0.0, 1.0)
     return share
 
 
