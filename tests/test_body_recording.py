@@ -128,6 +128,9 @@ def test_knees_bend_the_right_way_without_hips(recording: Recording, body: Lower
     # Zero is how the subject stands, not half way between that and a chair.
     assert abs(float(off.mean())) < 8.0
     assert float(np.std(off)) < 4.0
+    # What a pelvis says of a knee is little, and where the whole body is says nothing of its heading.
+    assert alone.status is BodyStatus.CONVERGED
+    np.testing.assert_allclose(alone.joints["knee_right"].heading_std_deg, body.joints["knee_right"].heading_std_deg, rtol=0.25)
 
 
 def test_without_standing_the_zero_of_what_has_no_bone_is_open(recording: Recording, body: LowerBody) -> None:

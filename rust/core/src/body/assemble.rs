@@ -58,6 +58,12 @@ impl Problem<'_> {
         }
     }
 
+    /// With nothing that says where the whole is and how fast it moves.
+    pub fn unplaced(&self) -> Self {
+        let gauges = self.gauges.iter().map(|(k, gauge)| (*k, Gauge { place: false, ..*gauge })).collect();
+        Self { gauges, ..self.clone() }
+    }
+
     /// The cost at `state`.
     pub fn cost(&self, state: &State) -> f64 {
         let (model, sensors, noise) = (self.model, self.model.sensors, &self.model.noise);
@@ -84,7 +90,7 @@ impl Problem<'_> {
             let at = &state.motions[k * sensors];
             let heading = gauge.heading_residual(at);
             let off = (at.position - gauge.position).norm_squared() + (at.velocity - gauge.velocity).norm_squared();
-            cost += 0.5 * (heading * heading + off) / (noise.gauge * noise.gauge);
+            cost += 0.5 * (heading * heading + if gauge.place { off } else { 0.0 }) / (noise.gauge * noise.gauge);
         }
         for (bias, at) in self.moments.biases.iter().zip(&state.motions) {
             cost += 0.5 * (at.gyr_bias - bias[0]).norm_squared() / (noise.gyr_bias * noise.gyr_bias);
@@ -261,6 +267,9 @@ impl Problem<'_> {
             for a in 0..3 {
                 (0..3).for_each(|b| tile[TURN + a][TURN + b] += weight * turn[a] * turn[b]);
                 push(&mut band.border, k, 0, TURN + a, weight * turn[a] * e);
+                if !gauge.place {
+                    continue;
+                }
                 for (place, off) in [(POSITION, at.position - gauge.position), (VELOCITY, at.velocity - gauge.velocity)] {
                     tile[place + a][place + a] += weight;
                     push(&mut band.border, k, 0, place + a, weight * off[a]);

@@ -3,15 +3,24 @@
 //! Given the next node x' and the border b, a node is `−R⁻¹(U x' + U_b b)` with covariance `R⁻¹R⁻ᵀ`. With `G = R⁻¹U`,
 //! `G_b = R⁻¹U_b`, and P', C', B the covariances of x', of x' with b, and of b:
 //! `C = −(G C' + G_b B)`, `P = R⁻¹R⁻ᵀ + G (G P' + G_b C'ᵀ)ᵀ − G_b Cᵀ`.
+//!
+//! Where the whole body is and how fast it moves, nothing tells: variances of up to a square kilometre, in the rounding of which
+//! all that is between the sensors drowns within minutes. So velocities and positions are taken from the first sensor's: with Π
+//! for that, `Π G = Π G Π` where nothing holds the whole, because what shifts all sensors alike at one moment does so at the next,
+//! and the recursion holds for `Π P Πᵀ` with `Π R⁻¹`, `Π G`, `Π G_b`.
 
 use alloc::{vec, vec::Vec};
 
 use super::{
     band::{Band, backward, forward, triangle, upper},
+    states::{POSITION, VELOCITY},
     tiles::{N, Tile, solve_lower, solve_upper, sub, sub_plain},
 };
 
-/// Covariances of one node.
+/// Unknowns of a sensor that are told from those of the first sensor.
+pub const SHARED: core::ops::Range<usize> = VELOCITY..POSITION + 3;
+
+/// Covariances of one node; of velocities and positions, of what they are more than the first sensor's.
 pub struct Marginal<'a> {
     sensors: usize,
     wide: usize,
@@ -95,6 +104,7 @@ pub fn marginals(band: &Band, stated: Option<&[f64]>, mut take: impl FnMut(usize
                     solve_upper(width, &r[upper(i, i)], tile);
                 }
             }
+            from_first(x, columns);
         }
         // −(G P' + G_b C'ᵀ), transposed into `turned`; C'ᵀ is still in `across`.
         for i in 0..s {
@@ -122,7 +132,7 @@ pub fn marginals(band: &Band, stated: Option<&[f64]>, mut take: impl FnMut(usize
                 let mut tile = Tile::ZERO;
                 (0..s).for_each(|m| sub_plain(width, &mut tile, &g[i * s + m], &turned[m * s + j]));
                 (0..wide).for_each(|m| sub_plain(width, &mut tile, &g_border[i * wide + m], &across[m * s + j]));
-                for m in j..s {
+                for m in 0..s {
                     sub_plain(width, &mut tile, &inverse[i * s + m], &negative(&transposed(&inverse[j * s + m])));
                 }
                 own[j * s + i] = transposed(&tile);
@@ -132,6 +142,19 @@ pub fn marginals(band: &Band, stated: Option<&[f64]>, mut take: impl FnMut(usize
         take(k, &Marginal { sensors: s, wide, own: &own, beside: &beside });
     }
     Some(covariance)
+}
+
+/// Rows of shared unknowns, less those of the first sensor; sensors one after the other, each of so many tiles.
+fn from_first(rows: &mut [Tile], columns: usize) {
+    let (first, others) = rows.split_at_mut(columns);
+    for sensor in others.chunks_exact_mut(columns) {
+        for (tile, first) in sensor.iter_mut().zip(first.iter()) {
+            for a in SHARED {
+                tile.0[a].iter_mut().zip(&first.0[a]).for_each(|(v, f)| *v -= f);
+            }
+        }
+    }
+    first.iter_mut().for_each(|tile| tile.0[SHARED].fill([0.0; N]));
 }
 
 fn transposed(tile: &Tile) -> Tile {

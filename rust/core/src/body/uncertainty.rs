@@ -21,9 +21,10 @@ pub fn uncertainty(problem: &Problem<'_>, state: &State) -> Option<Uncertainty> 
     let (model, count) = (problem.model, problem.moments.len());
     let (joints, constants) = (model.joints.len(), model.constants());
     let mut band = Band::new(count, model.sensors, constants);
-    // The place of the whole is known to no better than its rounding allows; a standard deviation of a kilometre beforehand, or
-    // where that is not enough of a hundred metres, takes nothing from what is between the sensors.
-    [1e-6, 1e-5, 1e-4].iter().find(|damping| eliminated(problem, state, **damping, &mut band))?;
+    // Nothing but damping says where the whole is: a standard deviation of a kilometre beforehand, or where rounding asks for
+    // more of a hundred metres, takes nothing from what is between the sensors.
+    let unplaced = problem.unplaced();
+    [1e-6, 1e-5, 1e-4].iter().find(|damping| eliminated(&unplaced, state, **damping, &mut band))?;
     let mut found = Uncertainty {
         joints: vec![[0.0; 36]; count * joints],
         beside: vec![0.0; count * joints * 6 * constants],

@@ -18,6 +18,8 @@ pub struct Gauge {
     pub position: Vector3<f64>,
     /// m/s.
     pub velocity: Vector3<f64>,
+    /// Whether position and velocity are held; else the heading alone.
+    pub place: bool,
 }
 
 impl Gauge {
@@ -26,7 +28,13 @@ impl Gauge {
         let mut axis = Vector3::zeros();
         axis[start.turn.row(2).transpose().iamin()] = 1.0;
         let seen = start.turn * axis;
-        Self { axis, heading: RealField::atan2(seen.y, seen.x), position: start.position, velocity: start.velocity }
+        Self {
+            axis,
+            heading: RealField::atan2(seen.y, seen.x),
+            position: start.position,
+            velocity: start.velocity,
+            place: true,
+        }
     }
 
     /// Heading residual, rad.
