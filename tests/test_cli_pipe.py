@@ -66,6 +66,18 @@ def test_demo_writes_before_it_prints(tmp_path: Path) -> None:
     assert page.read_text("utf-8").rstrip().endswith("</html>")
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_a_full_disk_behind_stdout_is_one_line(tmp_path: Path, pair: Path) -> None:
+    saved = tmp_path / "x.json"
+    command = [sys.executable, "-c", "from imufast.cli import main; main()", "calibrate", str(pair), "--save", str(saved)]
+    with Path("/dev/full").open("w") as full:
+        result = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False, timeout=120)
+    assert result.returncode == 1
+    assert result.stderr.splitlines()[-1] == "imufast: stdout cannot be written: No space left on device"
+    assert "Traceback" not in result.stderr
+    assert imufast.JointCalibration.load(saved).accepted
+
+
 def test_what_was_found_is_told_even_where_writing_fails(tmp_path: Path, pair: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object, **__: object) -> None:
         raise imufast.InputError("path cannot be written: No space left on device")
