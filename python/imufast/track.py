@@ -90,7 +90,7 @@ class RelativeOrientation(ReadOnly):
         link_squares: (K,) the square of its residual over `link_std`, three channels together; smoother only. Where the model
             holds they are three times F(3, tail) distributed.
         parts_ratio: how many times as far, squared, parts of the recording are apart in centre and biases as noise explains, at
-            least 1; what these leave uncertain of `covariance` is widened by it. Smoother without a calibration only.
+            least 1; what these leave uncertain of `covariance` is widened by it; smoother only.
         link_trust: what a link counts for as information, 0 to 1: less where neighbouring residuals are alike or many are
             large; smoother only.
         iterations: of the smoother.
@@ -279,7 +279,7 @@ def _smooth(imu1: Imu, imu2: Imu, calibration: JointCalibration | None, settings
     status = TrackStatus.TRACKED if fit.status == "CONVERGED" else TrackStatus(fit.status)
     alone = calibration is None or calibration.center is None
     ended = status not in (TrackStatus.NUMERICAL_ERROR, TrackStatus.NOT_OBSERVABLE)
-    ratio = parts_ratio(imu1, imu2, settings) if alone and ended else None
+    ratio = parts_ratio(imu1, imu2, settings) if ended else None
     covariance = fit.covariance
     if ratio is not None and bool(np.isfinite(covariance).all()):
         covariance = fit.covariance_known + ratio * (covariance - fit.covariance_known)
