@@ -27,6 +27,7 @@ CASES: list[dict[str, Any]] = [
     {"motion": "random", "dof": 1},
     {"motion": "random", "soft_tissue": SoftTissue()},
     {"motion": BallMotion("random", tempo=2.0, axis_tilt_rad=0.6, sway_m=0.1)},
+    *({"motion": BallMotion(kind, tempo=1.5, grip_m=0.2)} for kind in ("bend_y", "clockwise")),
 ]
 
 
@@ -69,6 +70,27 @@ def test_specific_force_is_the_second_derivative_of_the_position_plus_gravity(ca
         position = s.joint_position - turned.apply(joint)
         acceleration = slope(slope(position, step), step)
         assert differ(turned[8:-8].inv().apply(acceleration + up), acc[8:-8]) < 1e-6
+
+
+@pytest.mark.parametrize(("kind", "start_s"), [("random", 5.0), ("clockwise", 5.0), ("clockwise", 30.0)])
+def test_a_hand_that_does_not_sway_holds_its_link_still(kind: str, start_s: float) -> None:
+    """A sensor where the hand grips feels nothing but gravity: on link 1, and after the rig is turned upside down on link 2."""
+    motion = BallMotion(kind, grip_m=0.2, sway_m=0.0)
+    grips = {"joint_in_sensor1": [0.2, 0.0, 0.0], "joint_in_sensor2": [-0.2, 0.0, 0.0]}
+    mounts = {"mount1": [1.0, 0.0, 0.0, 0.0], "mount2": [1.0, 0.0, 0.0, 0.0]}
+    s = at({"motion": motion}, start_s, 0.01, 400, **grips, **mounts)
+    held, swung = (s.acc1_true, s.acc2_true) if start_s < 25.0 else (s.acc2_true, s.acc1_true)
+    np.testing.assert_allclose(np.linalg.norm(held, axis=1), 9.81, rtol=1e-12)
+    assert np.linalg.norm(swung, axis=1).std() > 0.3
+
+
+def test_two_hands_hold_their_middle_still() -> None:
+    motion = BallMotion("bend_y", grip_m=0.2, sway_m=0.0)
+    still = {"mount1": [1.0, 0.0, 0.0, 0.0], "mount2": [1.0, 0.0, 0.0, 0.0]}
+    s = at({"motion": motion}, 5.0, 0.01, 400, **still)
+    hands = [s.joint_position + rotation(q).apply([along, 0.0, 0.0]) for q, along in ((s.q_1, -0.2), (s.q_2, 0.2))]
+    np.testing.assert_allclose(hands[0] + hands[1], 0.0, atol=1e-12)
+    assert np.ptp(s.joint_position, axis=0).max() > 0.05
 
 
 @pytest.mark.parametrize("case", CASES, ids=case_name)

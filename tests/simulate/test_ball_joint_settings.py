@@ -65,6 +65,7 @@ MOTION_CHANGES: dict[str, Any] = {
     "axis_tilt_rad": 0.3,
     "sway_m": 0.05,
     "take": 1,
+    "grip_m": 0.1,
 }
 COLLISION_CHANGES: dict[str, Any] = {
     "per_s": 3.0,
@@ -224,6 +225,7 @@ def test_a_motion_of_the_ball_joint_is_none_of_the_hinge() -> None:
         ("kind", lambda: BallMotion("walking")),
         ("duration_s", lambda: BallMotion("random", duration_s=0.0)),
         ("tempo", lambda: BallMotion("random", tempo=0.0)),
+        ("grip_m", lambda: BallMotion("random", grip_m=-0.1)),
         ("segment", lambda: paper_segment("S9")),
         ("duration_s", lambda: paper_segment("S3", -1.0)),
         ("per_s", lambda: Collisions(per_s=-1.0)),

@@ -16,7 +16,7 @@ from .disturbances import Collisions
 from .motion_base import as_motions
 from .pair import SensorPair
 from .placement import PAPER_R1, PAPER_R2
-from .pose import BallProgram, Bodies, Movement, X, Y, Z
+from .pose import BallPose, BallProgram, Bodies, Movement, Position, X, Y, Z
 from .record import Readout, true_rows
 from .simulation import BallJointSimulation
 from .so3 import Turning
@@ -176,18 +176,28 @@ def _movement(motion: BallProgram, dof: int, gravity: float) -> Movement:
             second = second.then(Turning.about(axis, angle))
         bend = pose.turns[0]
         swing1 = pose.swing - pose.share1 * bend
+        position = _joint_position(pose, first, second)
         angles = np.zeros((len(time_s), 3))
         for column, (_, angle) in enumerate(free):
             angles[:, column] = angle.rows[0]
         return Bodies(
             segments=(first, second),
-            position=pose.position,
+            position=position,
             swing=(swing1, swing1 + bend),
             bend=bend,
             truth={
                 "joint_angles_rad": angles,
-                "joint_acc": np.stack([p.rows[2] for p in pose.position], axis=-1) + up,
+                "joint_acc": np.stack([p.rows[2] for p in position], axis=-1) + up,
             },
         )
 
     return bodies
+
+
+def _joint_position(pose: BallPose, first: Turning, second: Turning) -> Position:
+    """The joint centre, x along link 1 from its grip and against x along link 2 from the other."""
+    if pose.grip_m == 0.0:
+        return pose.position
+    ways = zip(pose.position, first.carried(X), second.carried(X), strict=True)
+    x, y, z = (p + pose.grip_m * ((1.0 - pose.share1) * along1 - pose.share1 * along2) for p, along1, along2 in ways)
+    return x, y, z

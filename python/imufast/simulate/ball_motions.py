@@ -2,7 +2,8 @@
 
 Segment frames: x along the link from 1 towards 2, y and z across it; global z up. A frame in the hand is turned by heading
 about z, then tilt about x, then swing about y. Link 1 is that frame turned back by its share of the joint's turns, link 2 is
-link 1 turned by the joint: about y, then z, then x. So a share of 0 is a hand that holds link 1, 1 one that holds link 2.
+link 1 turned by the joint: about y, then z, then x. So a share of 0 is a hand that holds link 1, 1 one that holds link 2, and
+0.5 two hands, one at each.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 
 from imufast.errors import SettingsError
 
-from .checks import FloatArray, one_of
+from .checks import FloatArray, number, one_of
 from .motion_base import MotionBase
 from .pose import BallPose, BallProgram
 from .signals import Signal, Sinusoids, random_band, stream
@@ -57,14 +58,22 @@ class BallMotion(MotionBase):
         tempo: multiplies all frequencies.
         size: multiplies all angles. 1: back and forth by 0.6 rad rms, circles with a half angle of 0.45 rad.
         axis_tilt_rad: angle of the hand's y axis above the horizontal plane, rad (its mean, where the hand moves).
-        sway_m: rms motion of the joint centre in each direction, m; no effect on "stationary".
+        sway_m: rms motion of the grip in each direction, m; no effect on "stationary".
         take: another take of the same motion: different random draws.
+        grip_m: how far from the joint centre a hand holds its link, m; default 0, at the joint. The joint centre swings about
+            the grip; where either link turns, about the middle between two hands, weighted by what each link does not turn.
 
     Raises:
         SettingsError: a value out of range; the message names it.
     """
 
     KINDS: ClassVar[tuple[str, ...]] = KINDS
+
+    grip_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        number("grip_m", self.grip_m, least=0.0)
 
 
 def paper_segment(name: str, duration_s: float | None = None) -> BallMotion:
@@ -136,6 +145,7 @@ def _parts(
             turns=(value["y"], value["z"], value["x"]),
             share1=Signal.constant(share1, time_s),
             position=(sways[0].at(time_s), sways[1].at(time_s), sways[2].at(time_s)),
+            grip_m=motion.grip_m,
         )
 
     return pose

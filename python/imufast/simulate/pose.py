@@ -42,7 +42,8 @@ class BallPose:
     """Angles (rad) of two links with a spherical joint and the joint centre (m, global) at N instants; see `ball_motions`.
 
     `turns` are the joint's angles about y, z and x, one after the other; `share1` is the part of them that link 1 makes
-    against the frame that heading, tilt and swing turn, 0 (link 1 keeps to it) to 1 (link 2 does).
+    against the frame that heading, tilt and swing turn, 0 (link 1 keeps to it) to 1 (link 2 does). With a grip, `position` is
+    that of the hand; see `BallMotion.grip_m`.
     """
 
     heading: Signal
@@ -51,6 +52,7 @@ class BallPose:
     turns: tuple[Signal, Signal, Signal]
     share1: Signal
     position: Position
+    grip_m: float
 
 
 BallProgram = Callable[[FloatArray], BallPose]

@@ -62,6 +62,14 @@ class Turning:
             rotate_back(child.q, self.gyr_rate) + child.gyr_rate + np.cross(carried, child.gyr),
         )
 
+    def carried(self, v: ArrayLike) -> tuple[Signal, Signal, Signal]:
+        """A fixed vector (3,) of this frame as the parent sees it, up to its second derivative."""
+        fixed = np.broadcast_to(np.asarray(v, dtype=np.float64), self.gyr.shape)
+        velocity = np.cross(self.gyr, fixed)
+        acceleration = np.cross(self.gyr_rate, fixed) + np.cross(self.gyr, velocity)
+        x, y, z = np.array([rotate(self.q, w) for w in (fixed, velocity, acceleration)]).transpose(2, 0, 1)
+        return Signal(x), Signal(y), Signal(z)
+
     def mounted(self, q_cs: FloatArray) -> Turning:
         """A frame s that is rigidly fixed to this one."""
         return Turning(multiply(self.q, q_cs), rotate_back(q_cs, self.gyr), rotate_back(q_cs, self.gyr_rate))
