@@ -23,6 +23,7 @@ from typing import Any
 
 import imufast
 import numpy as np
+from imufast.quaternion import matrix
 from key_filter import Keys, Settings, log, track
 from measuring import Array, data_folder, imus, one_core, refuse_debug_build, rms, setting, table
 from numpy.typing import NDArray
@@ -32,17 +33,6 @@ Rows = list[list[str | None]]
 WINDOW_S, KEYS_PER_S = 40.0, 10
 WRONG_DEG, SURE_DEG = 5.0, 2.0
 REFERENCE_STD = math.radians(0.25)
-
-
-def matrices(q: Array) -> Array:
-    """(N, 3, 3) of unit quaternions."""
-    w, x, y, z = q.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +131,7 @@ def rig(every_s: float) -> Rows:
     for path in sorted((data_folder() / "two_imu_joint").glob("*.npz")):
         with np.load(path) as z:
             g1, a1, g2, a2 = (np.ascontiguousarray(z[k], np.float64) for k in ("gyr1", "acc1", "gyr2", "acc2"))
-            reference, valid = matrices(z["q_12_reference"]), z["reference_valid"].astype(bool)
+            reference, valid = matrix(z["q_12_reference"]), z["reference_valid"].astype(bool)
             rate_hz = float(z["rate_hz"])
         noise = np.broadcast_to(REFERENCE_STD**2 / 3.0 * np.eye(3), reference.shape)
         rec = Recording((g1, a1, g2, a2), rate_hz, reference, noise, valid)
@@ -154,7 +144,7 @@ def rig(every_s: float) -> Rows:
                 sample = np.round(found.seconds * rate_hz).astype(np.int64)
                 tracked = imufast.track(*rec.pair(begin, end), calibration, "mekf")
                 variance = (np.radians(tracked.angle_std_deg[sample]) ** 2 / 3.0)[:, None, None] * np.eye(3)
-                known.append(judge(rec, begin, sample, matrices(tracked.q_12[sample]), variance))
+                known.append(judge(rec, begin, sample, matrix(tracked.q_12[sample]), variance))
         rows.append(row(path.stem, own))
         every += own
     return [*rows, row("all", every), row("all: `Mekf`, calibrated", known)]
@@ -183,7 +173,7 @@ def simulated() -> Rows:
             rng = np.random.default_rng([8, seed])
             wander = walk / math.sqrt(100.0) * np.cumsum(rng.standard_normal((2, *s.gyr1.shape)), axis=1)
             signals = (s.gyr1 + wander[0], s.acc1, s.gyr2 + wander[1], s.acc2)
-            truth = matrices(s.q_12)
+            truth = matrix(s.q_12)
             rec = Recording(signals, 100.0, truth, np.zeros_like(truth), np.ones(len(truth), bool))
             judged += [self_calibrating(rec, begin, end, Settings()) for begin, end in list(rec.windows(20.0))[:2]]
         rows.append(row(name, judged))
@@ -211,7 +201,7 @@ def people() -> Rows:
         g1, a1, g2, a2 = (data[f"{limb}.{kind}"] for limb in limbs for kind in ("gyr", "acc"))
         whole = imufast.track(*imus(100.0, g1, a1, g2, a2))
         assert whole.covariance is not None
-        rec = Recording((g1, a1, g2, a2), 100.0, matrices(whole.q_12), whole.covariance, np.ones(len(g1), bool))
+        rec = Recording((g1, a1, g2, a2), 100.0, matrix(whole.q_12), whole.covariance, np.ones(len(g1), bool))
         windows = list(rec.windows(25.0))
         rows.append(row(name, [self_calibrating(rec, *w, Settings()) for w in windows]))
         if limbs != UNPAIRED:
@@ -225,7 +215,7 @@ def smoothed(rec: Recording, begin: int, end: int) -> Judged:
     tracked = imufast.track(*rec.pair(begin, end))
     assert tracked.covariance is not None
     sample = np.arange(0, end - begin, round(rec.rate_hz / KEYS_PER_S), dtype=np.int64)
-    return judge(rec, begin, sample, matrices(tracked.q_12[sample]), tracked.covariance[sample])
+    return judge(rec, begin, sample, matrix(tracked.q_12[sample]), tracked.covariance[sample])
 
 
 def main() -> None:

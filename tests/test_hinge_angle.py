@@ -301,7 +301,10 @@ def test_matrices_and_quaternions_agree_with_scipy() -> None:
     q = rotations.as_quat()[:, [3, 0, 1, 2]]
     np.testing.assert_allclose(matrix(q), rotations.as_matrix(), atol=1e-12)
     half_turns = [Rotation.from_rotvec(np.pi * v) for v in (np.eye(3)[0], np.eye(3)[1], np.eye(3)[2])]
-    for one in [*rotations, *half_turns, Rotation.identity()]:
+    every = np.stack([one.as_matrix() for one in [*rotations, *half_turns, Rotation.identity()]])
+    np.testing.assert_allclose(matrix(from_matrix(every)), every, atol=1e-12)
+    assert (from_matrix(every)[:, 0] >= 0.0).all()
+    for one in (*rotations, *half_turns):
         np.testing.assert_allclose(matrix(from_matrix(one.as_matrix())), one.as_matrix(), atol=1e-12)
     a: Array = np.array([0.6, 0.8, 0.0])
     for b in (a, -a, np.array([0.0, 0.0, 1.0]), -a + [0.0, 0.0, 1e-7]):

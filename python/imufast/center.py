@@ -13,6 +13,7 @@ from imufast import _core
 from imufast.errors import InputError, SettingsError
 from imufast.imu import Imu
 from imufast.pairs import check_pair
+from imufast.quaternion import continuous
 from imufast.samples import ReadOnly, as_array
 from imufast.settings import CenterSettings, check_choice, check_number, settings_from
 from imufast.state import pack, unpack
@@ -462,7 +463,6 @@ def _quaternions(q_12: object, count: int) -> Array:
 
 def _at_times(q: Array, time_s: Array, wanted_s: Array) -> Array:
     """Orientations between the samples: linear between neighbours of one sign, which normalising makes all but exact."""
-    flips = np.cumprod(np.where(np.einsum("ij,ij->i", q[1:], q[:-1]) < 0.0, -1.0, 1.0))
-    smooth = q * np.concatenate([[1.0], flips])[:, None]
+    smooth = continuous(q)
     between = np.stack([np.interp(wanted_s, time_s, smooth[:, k]) for k in range(4)], axis=1)
     return np.ascontiguousarray(between / np.linalg.norm(between, axis=1, keepdims=True))

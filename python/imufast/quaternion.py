@@ -8,7 +8,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["conjugate", "exp", "from_matrix", "log", "matrix", "multiply", "rotate", "rotate_back", "shortest_turn", "twist"]
+__all__ = [
+    "conjugate",
+    "continuous",
+    "exp",
+    "from_matrix",
+    "log",
+    "matrix",
+    "multiply",
+    "rotate",
+    "rotate_back",
+    "shortest_turn",
+    "twist",
+]
 
 Array = NDArray[np.float64]
 
@@ -73,19 +85,28 @@ def log(q_ab: ArrayLike) -> Array:
 
 
 def from_matrix(matrix_ab: ArrayLike) -> Array:
-    """(4,) the unit quaternion of a (3, 3) rotation matrix, scalar part not negative."""
+    """(..., 4) the unit quaternions of rotation matrices (..., 3, 3), scalar part not negative."""
     m = np.asarray(matrix_ab, dtype=np.float64)
-    # The matrix whose dominant eigenvector is the quaternion (Bar-Itzhack 2000): no case is special.
-    outer = np.array(
-        [
-            [m[0, 0] + m[1, 1] + m[2, 2], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
-            [0.0, m[0, 0] - m[1, 1] - m[2, 2], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]],
-            [0.0, 0.0, m[1, 1] - m[0, 0] - m[2, 2], m[1, 2] + m[2, 1]],
-            [0.0, 0.0, 0.0, m[2, 2] - m[0, 0] - m[1, 1]],
-        ]
-    )
-    q: Array = np.linalg.eigh(outer, UPLO="U")[1][:, -1]
-    return q if q[0] >= 0.0 else -q
+    trace = np.trace(m, axis1=-2, axis2=-1)[..., None]
+    outer = np.empty((*m.shape[:-2], 4, 4))  # 4 q qᵀ
+    outer[..., :1, 0] = 1.0 + trace
+    outer[..., 0, 1:] = outer[..., 1:, 0] = m[..., [2, 0, 1], [1, 2, 0]] - m[..., [1, 2, 0], [2, 0, 1]]
+    outer[..., 1:, 1:] = m + np.swapaxes(m, -1, -2) + (1.0 - trace)[..., None] * np.eye(3)
+    # All rows are multiples of q; the longest has lost the least to cancellation.
+    longest = np.einsum("...ii->...i", outer).argmax(axis=-1)[..., None, None]
+    q = np.take_along_axis(outer, longest, axis=-2)[..., 0, :]
+    q *= np.where(q[..., :1] < 0.0, -1.0, 1.0)
+    unit: Array = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return unit
+
+
+def continuous(q: Array) -> Array:
+    """(N, 4) the same rotations without sign flips from one to the next."""
+    turned = np.einsum("ij,ij->i", q[1:], q[:-1]) < 0.0
+    if not turned.any():
+        return q
+    signs = np.concatenate([[1.0], np.cumprod(np.where(turned, -1.0, 1.0))])
+    return np.ascontiguousarray(q * signs[:, None])
 
 
 def shortest_turn(v_b: ArrayLike, v_a: ArrayLike) -> Array:

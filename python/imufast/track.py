@@ -19,6 +19,7 @@ from imufast.errors import InputError, SettingsError
 from imufast.filters import Complementary, Mekf, plan
 from imufast.imu import Imu
 from imufast.pairs import check_pair
+from imufast.quaternion import continuous
 from imufast.samples import ReadOnly
 from imufast.smoother import Smoother, parts_ratio, relative_bias_std, run_smoother
 
@@ -302,7 +303,7 @@ def _smooth(imu1: Imu, imu2: Imu, calibration: JointCalibration | None, settings
         )
     return RelativeOrientation(
         time_s=imu1.time_s,
-        q_12=_continuous(fit.q_12),
+        q_12=continuous(fit.q_12),
         angle_std_deg=std_deg,
         status=status,
         calibration=_refined(calibration, fit, ratio or 1.0),
@@ -352,12 +353,3 @@ def _refined(calibration: JointCalibration | None, fit: _core.SmootherFit, ratio
         "relative_gyr_bias_std": relative_bias_std(fit.q_12, covariance[12:, 12:]),
     }
     return replace(known, **changes)
-
-
-def _continuous(q: Array) -> Array:
-    """The same rotations without sign flips from one sample to the next."""
-    turned = np.einsum("ij,ij->i", q[1:], q[:-1]) < 0.0
-    if not turned.any():
-        return q
-    signs = np.concatenate([[1.0], np.cumprod(np.where(turned, -1.0, 1.0))])
-    return np.ascontiguousarray(q * signs[:, None])

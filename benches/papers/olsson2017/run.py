@@ -59,6 +59,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 import imufast
 from imufast import CenterSettings
 from imufast.center import fit_joint_center
+from imufast.quaternion import from_matrix, matrix
 from imufast.simulate import paper_segment
 from measuring import one_core, refuse_debug_build, table
 
@@ -100,25 +101,6 @@ Found = tuple[Rows, Rows, list[str]]
 ORDERS = "table", "best to worst as published, mm", "paper, mm"
 
 
-def matrices(q: Array) -> Array:
-    """(N, 3, 3) of unit quaternions (N, 4)."""
-    across = literal.skew(np.ascontiguousarray(q[:, 1:]))
-    return np.asarray(np.eye(3) + 2.0 * q[:, 0, None, None] * across + 2.0 * across @ across)
-
-
-def quaternions(m: Array) -> Array:
-    """(N, 4) of rotation matrices (N, 3, 3); each from the largest of its four components."""
-    trace = np.trace(m, axis1=1, axis2=2)[:, None]
-    turned = np.stack([m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]], axis=1)
-    outer = np.empty((len(m), 4, 4))  # 4 q qᵀ
-    outer[:, 0, 0] = 1.0 + trace[:, 0]
-    outer[:, 0, 1:] = outer[:, 1:, 0] = turned
-    outer[:, 1:, 1:] = m + np.swapaxes(m, 1, 2) + (1.0 - trace[:, :, None]) * np.eye(3)
-    best = np.argmax(np.einsum("nii->ni", outer), axis=1)
-    rows = outer[np.arange(len(m)), best]
-    return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
-
-
 @dataclass(frozen=True, eq=False)
 class Samples:
     """What one estimation run is given: instants, and orientations (sensor to global) for LS."""
@@ -137,7 +119,7 @@ class Samples:
         return (literal.squares if method == "ss" else literal.absolutes)(self.moments, start)
 
     def ours(self, method: str, settings: CenterSettings | None) -> imufast.CenterEstimate:
-        q_12 = quaternions(np.swapaxes(self.rotation1, 1, 2) @ self.rotation2) if method == "ls" else None
+        q_12 = from_matrix(np.swapaxes(self.rotation1, 1, 2) @ self.rotation2) if method == "ls" else None
         return fit_joint_center(*self.moments.arrays, method, q_12=q_12, settings=settings)
 
 
@@ -282,7 +264,7 @@ def ideal(rng: np.random.Generator, count: int) -> Samples:
     stds = GYR_STD, GYR_DOT_STD, ACC_STD
     direction = rng.standard_normal((count, 3))
     a0 = GRAVITY * (direction / np.linalg.norm(direction, axis=1, keepdims=True))[:, None, :]
-    rotation1, rotation2 = (matrices(unit(rng.standard_normal((count, 4)))) for _ in (1, 2))
+    rotation1, rotation2 = (matrix(unit(rng.standard_normal((count, 4)))) for _ in (1, 2))
     moments = Moments(*signals(rotation1, R1), *signals(rotation2, R2))
     return Samples(moments, turns(ORIENTATION_STD) @ rotation1, turns(ORIENTATION_STD) @ rotation2)
 
@@ -337,7 +319,7 @@ class Rig:
         for gyr_dot, gyr in zip(gyr_dots, (s.gyr1, s.gyr2), strict=True):
             gyr_dot[k] = 0.5 * RATE_HZ * (gyr[k + 1] - gyr[k - 1])
         fast = np.maximum(*(np.linalg.norm(gyr[k], axis=1) for gyr in (s.gyr1, s.gyr2))) > LEAST_RATE
-        begun = off[0] @ matrices(s.q_1), off[1] @ matrices(s.q_2)
+        begun = off[0] @ matrix(s.q_1), off[1] @ matrix(s.q_2)
         return cls(s, begun, gyr_dots, k[fast & np.isin(s.motion[k], SEGMENTS)])
 
     @cached_property
@@ -394,7 +376,7 @@ class Reading:
             imufast.Imu(gyr[rows], acc[rows], time_s=s.time_s[rows], name=name)
             for gyr, acc, name in ((s.gyr1, self.acc1, "1"), (s.gyr2, self.acc2, "2"))
         ]
-        q_12 = quaternions(np.swapaxes(self.rotation1[rows], 1, 2) @ self.rotation2[rows])
+        q_12 = from_matrix(np.swapaxes(self.rotation1[rows], 1, 2) @ self.rotation2[rows])
         for method in METHODS:
             center = imufast.estimate_joint_center(pair[0], pair[1], method, q_12=q_12 if method == "ls" else None)
             tally.default(method, recording, center)

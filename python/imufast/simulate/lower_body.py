@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from imufast.errors import SettingsError
 from imufast.imu import Imu, Recording
+from imufast.quaternion import continuous, from_matrix, matrix
 
 from .body_gait import sit_to_stand, walking
 from .body_motions import BodyMotion, Program, exercises, named_body_motion
@@ -257,12 +258,14 @@ class _Worn:
             if self.soft_tissue is not None and segment in self.soft_tissue.segments:
                 turn, shift = self.soft_tissue.moved(segment, self.seed, tree, time_s)
                 shell, at = bone @ turn, at + shift
-            sensor = shell @ Jet.constant(_matrix(self.mounts[segment]), len(time_s))
+            sensor = shell @ Jet.constant(matrix(self.mounts[segment]), len(time_s))
             position = tree.origin[segment] + bone @ at
             spin = (sensor.transposed() @ sensor.derivative()).value
             found["gyr_true"][segment] = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=-1)
             found["acc_true"][segment] = np.einsum("nji,nj->ni", sensor.value, position.rows[2] + up)
-            found["q"][segment], found["q_segment"][segment] = _quaternions(sensor.value), _quaternions(bone.value)
+            found["q"][segment], found["q_segment"][segment] = (
+                continuous(from_matrix(turned.value)) for turned in (sensor, bone)
+            )
             found["sensor_position"][segment], found["sensor_velocity"][segment] = position.rows[0], position.rows[1]
         for joint, (_, lower) in JOINTS.items():
             found["joint_position"][joint] = tree.origin[lower].value
@@ -334,41 +337,6 @@ def _biases(kind: str, given: Mapping[str, ArrayLike] | float, seed: int) -> dic
         return {s: vector3(f"{kind}[{s!r}]", known[s]) if s in known else np.zeros(3) for s in SEGMENTS}
     size = number(kind, given, least=0.0)
     return {segment: size * random_direction(stream(seed, f"{kind} {segment}")) for segment in SEGMENTS}
-
-
-def _matrix(q: FloatArray) -> FloatArray:
-    w, x, y, z = q
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
-def _quaternions(turned: FloatArray) -> FloatArray:
-    """(N, 4) of rotation matrices (N, 3, 3): from the largest component of each, without sign flips from one to the next."""
-    m = turned
-    trace = np.einsum("nii->n", m)
-    squares = 0.25 * np.stack([1.0 + trace, *(1.0 - trace + 2.0 * m[:, k, k] for k in range(3))], axis=1)
-    outer = np.zeros((len(m), 4, 4))
-    for k in range(4):
-        outer[:, k, k] = squares[:, k]
-    for i, j, value in (
-        (0, 1, m[:, 2, 1] - m[:, 1, 2]),
-        (0, 2, m[:, 0, 2] - m[:, 2, 0]),
-        (0, 3, m[:, 1, 0] - m[:, 0, 1]),
-        (1, 2, m[:, 0, 1] + m[:, 1, 0]),
-        (1, 3, m[:, 0, 2] + m[:, 2, 0]),
-        (2, 3, m[:, 1, 2] + m[:, 2, 1]),
-    ):
-        outer[:, i, j] = outer[:, j, i] = 0.25 * value
-    best = np.argmax(squares, axis=1)
-    q = outer[np.arange(len(m)), best]
-    q /= np.linalg.norm(q, axis=1, keepdims=True)
-    flips = np.cumprod(np.where(np.einsum("ni,ni->n", q[1:], q[:-1]) < 0.0, -1.0, 1.0))
-    return np.asarray(q * np.concatenate([[1.0], flips])[:, None])
 
 
 def _angles_deg(side: str, kind: str, upper: FloatArray, lower: FloatArray) -> FloatArray:
