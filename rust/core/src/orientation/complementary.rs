@@ -11,9 +11,10 @@ use super::{
         Quat, Sym3, Vec3, add, add_diagonal, cross, dot, first_order, inverted, mul, nearly_unit, normalize, rotate_back,
         scale, sub,
     },
+    filter::alarm,
     lane::{Lane, Real},
-    method::{Method, Tuning},
-    state::{Moment, State, Up, share},
+    method::{Method, Tuning, follow_in_turn},
+    state::{Moment, State, Up, expected, share, turned},
 };
 
 /// How the complementary filter works.
@@ -64,6 +65,25 @@ const DIFFUSION_S: f64 = 1.0;
 const GRAVITY: f64 = 9.81;
 /// Below this square of a cross product of accelerations, g⁴, there is no direction to correct in.
 const TINY: f64 = 1e-12;
+
+/// What is known of a sample before its orientation.
+#[derive(Clone, Copy)]
+struct Ahead<L> {
+    /// Variance that drift adds about every axis, rad².
+    spread: L,
+    /// Square of the correction's full speed, (rad/s)².
+    speed2: L,
+    up: Up<L>,
+    /// [`Complementary::heading_excess`].
+    excess: L,
+}
+
+/// What a correction shows: the acceleration of sensor 1 as sensor 2 should see it, and the size of the step.
+#[derive(Clone, Copy)]
+struct Seen<L> {
+    seen: Vec3<L>,
+    step: L,
+}
 
 /// A correction: by how fast sensor 2 turns against sensor 1, `√(speed2·plain/((plain + level)·square))·direction` in frame 2,
 /// rad/s.
@@ -117,23 +137,87 @@ impl Complementary {
         (up.square * L::splat(1.0 / (GRAVITY * GRAVITY))).at_most(L::splat(1.0)) * L::splat(self.heading_gain - 1.0)
     }
 
-    /// Eqs 12 and 13: along the gradient, as fast as β says, and no faster than the drift asks for.
+    /// Whether all but the correction can be worked out without the orientation.
     #[inline(always)]
-    fn correction<L: Lane>(&self, t: &Tuning<L>, s: &State<L>, m: &Moment<L>, seen: Vec3<L>) -> Correction<L> {
-        // −Rᵀu: turning sensor 2 this way brings its acceleration onto that of sensor 1.
-        let direction = cross(scale(m.acc2, L::splat(1.0 / (GRAVITY * GRAVITY))), seen);
-        let plain = dot(direction, direction).at_least(L::splat(TINY));
-        let soft = self.soft_angle / (GRAVITY * GRAVITY);
-        let level = m.level[0] * m.level[1] * L::splat(soft * soft);
-        // Each sensor takes β/√2 (eq. 12); together they turn by √2·β.
+    fn looks_ahead(&self) -> bool {
+        !self.literal && self.bias_gain == 0.0
+    }
+
+    /// Variance that a step adds about every axis, and the square of the correction's full speed (eq. 12): as fast as β says, and
+    /// no faster than the drift asks for.
+    #[inline(always)]
+    fn drifts<L: Lane>(&self, t: &Tuning<L>, s: &mut State<L>, m: &Moment<L>) -> [L; 2] {
+        // White noise is known, and counts as in eq. 12; of what grows with motion the limit allows for more.
+        let allowed = t.process(L::splat(self.drift_limit), m);
+        s.diffusion = s.diffusion + (allowed * m.per_dt - s.diffusion) * share(m.dt, DIFFUSION_S);
+        // Each sensor takes β/√2; together they turn by √2·β.
         let beta = L::splat(self.beta);
         let mut speed2 = beta * beta * L::splat(2.0);
         if self.drift_limit > 0.0 {
             let bias_var = t.bias_var * L::splat(self.drift_limit * self.drift_limit);
             speed2 = speed2.at_most((s.diffusion * m.per_dt + bias_var) * L::splat(3.0));
         }
-        speed2 = speed2 + s.boost * (beta + beta + s.boost) * L::splat(2.0);
+        [t.process(L::splat(1.0), m), speed2 + s.boost * (beta + beta + s.boost) * L::splat(2.0)]
+    }
+
+    /// Eq. 13: along the gradient.
+    #[inline(always)]
+    fn correction<L: Lane>(&self, speed2: L, m: &Moment<L>, seen: Vec3<L>) -> Correction<L> {
+        // −Rᵀu: turning sensor 2 this way brings its acceleration onto that of sensor 1.
+        let direction = cross(scale(m.acc2, L::splat(1.0 / (GRAVITY * GRAVITY))), seen);
+        let plain = dot(direction, direction).at_least(L::splat(TINY));
+        let soft = self.soft_angle / (GRAVITY * GRAVITY);
+        let level = m.level[0] * m.level[1] * L::splat(soft * soft);
         Correction { direction, square: plain, plain, level, speed2 }
+    }
+
+    /// All of a sample that needs no orientation.
+    #[inline(always)]
+    fn look_ahead<L: Lane>(&self, t: &Tuning<L>, s: &mut State<L>, m: &Moment<L>) -> Ahead<L> {
+        let [spread, speed2] = self.drifts(t, s, m);
+        s.boost = s.boost - s.boost * share(m.dt, self.settle_s);
+        s.turn_up(m.turn2);
+        let up = s.look_up(m);
+        Ahead { spread, speed2, up, excess: self.heading_excess(&up) }
+    }
+
+    /// The orientation after the sample, from that before: what the next one waits for.
+    #[inline(always)]
+    fn corrected<L: Lane>(&self, q: Quat<L>, m: &Moment<L>, ahead: &Ahead<L>) -> (Quat<L>, Seen<L>) {
+        let q = turned(q, m);
+        let seen = expected(q, m);
+        let (by, step) = self.correction(ahead.speed2, m, seen).about(&ahead.up, ahead.excess).step(m.dt);
+        (mul(nearly_unit(q), by), Seen { seen, step })
+    }
+
+    /// What the sample teaches besides.
+    #[inline(always)]
+    fn learn<L: Lane>(&self, t: &Tuning<L>, s: &mut State<L>, m: &Moment<L>, ahead: &Ahead<L>, now: &Seen<L>) {
+        let (Ahead { spread, up, excess, .. }, Seen { seen, step }) = (*ahead, *now);
+        let error = sub(seen, m.acc2);
+        let error2 = dot(error, error);
+        s.observe(m, &up, seen, error2);
+        // Tilt is seen by the whole acceleration, heading by its horizontal part; of the error η a correction takes `KHη`, with
+        // `KH = step (I + (gain − 1) up alongᵀ)(a² I − a aᵀ)`, and it brings in noise: `(I − KH)P(I − KH)ᵀ + KRKᵀ`.
+        let one = L::splat(1.0);
+        let [tilt, heading] = [s.p[0] + spread, s.p[1] + spread];
+        let level = m.level[1];
+        s.follow_link(m, error, error2, tilt * level * L::splat(2.0 / 3.0));
+        let turn = step * (one + excess);
+        let (left, left_heading) = (one - (step * level).at_most(one), one - (turn * up.flat).at_most(one));
+        s.p[0] = tilt * (left * left) + step * step * (level * s.link_slow_var);
+        s.p[1] = heading * (left_heading * left_heading) + turn * turn * (up.flat * s.link_slow_var);
+        if s.leaning.wait(m) {
+            let a = m.acc2;
+            let seen_along = scale(sub(scale(up.up, level), scale(a, dot(a, up.up))), excess * up.per_square);
+            let mut pull = [a; 3];
+            for (r, row) in pull.iter_mut().enumerate() {
+                *row = sub(scale(seen_along, up.up[r]), scale(a, a[r]));
+                row[r] = row[r] + level;
+                *row = scale(*row, step);
+            }
+            s.leaning.update(m.per_dt, &pull, t.bias_var);
+        }
     }
 
     /// Both halves of eq. 8 in their frames: what is taken from ω1 and from ω2.
@@ -157,40 +241,43 @@ impl Method for Complementary {
 
     #[inline(always)]
     fn step<L: Lane>(&self, t: &Tuning<L>, s: &mut State<L>, m: &Moment<L>, correct: bool) {
+        if correct && self.looks_ahead() {
+            let ahead = self.look_ahead(t, s, m);
+            let (q, seen) = self.corrected(s.q, m, &ahead);
+            s.q = q;
+            self.learn(t, s, m, &ahead, &seen);
+            return;
+        }
         let mut m = *m;
         if self.bias_gain > 0.0 {
             let turns = [add(m.turn1, scale(s.gyr_bias[0], -m.dt)), add(m.turn2, scale(s.gyr_bias[1], -m.dt))];
             m = Moment::new([m.dt, m.per_dt], turns, [m.acc1, m.acc2]);
         }
-        let spread = t.process(L::splat(1.0), &m);
-        // White noise is known, and counts as in eq. 12; of what grows with motion the limit allows for more.
-        let allowed = t.process(L::splat(self.drift_limit), &m);
-        s.diffusion = s.diffusion + (allowed * m.per_dt - s.diffusion) * share(m.dt, DIFFUSION_S);
-        s.p[0] = s.p[0] + spread;
-        s.p[1] = s.p[1] + spread;
+        let [spread, speed2] = self.drifts(t, s, &m);
         let mut step = L::splat(0.0);
         if self.literal {
-            step = self.literal_step(t, s, &m, correct);
+            step = self.literal_step(speed2, s, &m, correct);
         } else {
-            s.turn(&m);
+            s.q = turned(s.q, &m);
+            s.turn_up(m.turn2);
             if self.bias_gain > 0.0 {
                 // Such a bias may be anything.
                 s.q = normalize(s.q);
             }
         }
-        let leans = s.leaning.wait(&m);
         if !correct {
+            s.p[0] = s.p[0] + spread;
+            s.p[1] = s.p[1] + spread;
+            s.leaning.wait(&m);
             s.q = normalize(s.q);
             return;
         }
-        let seen = s.expected(&m);
-        let error = sub(seen, m.acc2);
-        let error2 = dot(error, error);
+        let seen = expected(s.q, &m);
         let up = s.look_up(&m);
         let mut excess = L::splat(0.0);
         if !self.literal {
             excess = self.heading_excess(&up);
-            let correction = self.correction(t, s, &m, seen).about(&up, excess);
+            let correction = self.correction(speed2, &m, seen).about(&up, excess);
             if self.bias_gain > 0.0 {
                 self.feed_back(s, correction.rate(), m.dt);
             }
@@ -199,26 +286,45 @@ impl Method for Complementary {
             s.q = mul(nearly_unit(s.q), turned);
             s.boost = s.boost - s.boost * share(m.dt, self.settle_s);
         }
-        s.observe(&m, &up, seen, error2);
-        // Tilt is seen by the whole acceleration, heading by its horizontal part; of the error η a correction takes `KHη`, with
-        // `KH = step (I + (gain − 1) up alongᵀ)(a² I − a aᵀ)`, and it brings in noise: `(I − KH)P(I − KH)ᵀ + KRKᵀ`.
-        let one = L::splat(1.0);
-        let [tilt, heading] = [s.p[0], s.p[1]];
-        let level = m.level[1];
-        s.follow_link(&m, error, error2, tilt * level * L::splat(2.0 / 3.0));
-        let turn = step * (one + excess);
-        let (left, left_heading) = (one - (step * level).at_most(one), one - (turn * up.flat).at_most(one));
-        s.p[0] = tilt * (left * left) + step * step * (level * s.link_slow_var);
-        s.p[1] = heading * (left_heading * left_heading) + turn * turn * (up.flat * s.link_slow_var);
-        if leans {
-            let a = m.acc2;
-            let seen_along = scale(sub(scale(up.up, level), scale(a, dot(a, up.up))), excess * up.per_square);
-            let pull = [0, 1, 2].map(|r| {
-                let row = sub(scale(seen_along, up.up[r]), scale(a, a[r]));
-                scale([0, 1, 2].map(|c| if c == r { row[c] + level } else { row[c] }), step)
-            });
-            s.leaning.update(m.per_dt, &pull, t.bias_var);
+        self.learn(t, s, &m, &Ahead { spread, speed2, up, excess }, &Seen { seen, step });
+    }
+
+    #[inline(always)]
+    fn follow<T: Real>(
+        &self,
+        t: &Tuning<T>,
+        state: &mut State<T>,
+        moment: impl Fn(usize) -> Moment<T>,
+        all_q: &mut [Quat<T>],
+        variances: &mut [T],
+    ) -> Option<usize> {
+        if !self.looks_ahead() || all_q.is_empty() {
+            return follow_in_turn(self, t, state, moment, all_q, variances);
         }
+        // What a sample teaches is worked out while the correction of the next one waits for its roots.
+        let before = *state;
+        let last = all_q.len() - 1;
+        let variances = &mut variances[..=last];
+        let mut ahead = self.look_ahead(t, state, &moment(0));
+        let (mut q, mut seen) = self.corrected(state.q, &moment(0), &ahead);
+        let mut alarmed = false;
+        for row in 0..=last {
+            all_q[row] = q;
+            let (now, known, w) = (seen, ahead, q[0]);
+            if row < last {
+                ahead = self.look_ahead(t, state, &moment(row + 1));
+                (q, seen) = self.corrected(q, &moment(row + 1), &ahead);
+            }
+            self.learn(t, state, &moment(row), &known, &now);
+            variances[row] = self.variance(state);
+            alarmed |= alarm(state.watch, w);
+        }
+        state.q = q;
+        if !alarmed {
+            return None;
+        }
+        *state = before;
+        follow_in_turn(self, t, state, moment, all_q, variances)
     }
 
     #[inline(always)]
@@ -244,19 +350,18 @@ impl Complementary {
     /// Steps 1–4 of Algorithm 1 as printed: the gradient pairs this acceleration with the previous orientation, and eq. 5b adds
     /// corrected rates to first order.
     #[inline(always)]
-    fn literal_step<L: Lane>(&self, t: &Tuning<L>, s: &mut State<L>, m: &Moment<L>, correct: bool) -> L {
+    fn literal_step<L: Lane>(&self, speed2: L, s: &mut State<L>, m: &Moment<L>, correct: bool) -> L {
         let (mut turn1, mut turn2) = (m.turn1, m.turn2);
         let mut step = L::splat(0.0);
         if correct {
-            let seen = s.expected(m);
-            let correction = self.correction(t, s, m, seen);
+            let correction = self.correction(speed2, m, expected(s.q, m));
             step = correction.step(m.dt).1;
             let [half1, half2] = Self::halves(s.q, correction.rate());
             turn1 = add(turn1, scale(half1, -m.dt));
             turn2 = add(turn2, scale(half2, -m.dt));
         }
         s.q = normalize(mul(mul(inverted(first_order(turn1)), s.q), first_order(turn2)));
-        s.up = add(s.up, cross(s.up, turn2));
+        s.turn_up(turn2);
         step
     }
 

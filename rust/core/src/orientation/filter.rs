@@ -135,12 +135,11 @@ pub(super) fn spread<L: Lane>(variance: L) -> L {
     variance.at_least(L::splat(0.0)).sqrt().at_most(L::splat(LARGEST_STD))
 }
 
-/// Whether, in some lane, the heading looks wrong or there are no numbers any more.
+/// Whether, in some lane, the heading looks wrong or there are no numbers any more: by [`State::watch`] and a part of `q`.
 #[inline(always)]
-pub(super) fn alarm<L: Lane>(state: &State<L>) -> bool {
-    let [error, power] = state.watch;
+pub(super) fn alarm<L: Lane>([error, power]: [L; 2], q: L) -> bool {
     let wrong = power.where_above(L::splat(WRONG_POWER), error - power * L::splat(WRONG), L::splat(-1.0));
-    let sum = error + state.q[0];
+    let sum = error + q;
     L::splat(ENDLESS).where_above(sum.at_least(-sum), wrong, L::splat(1.0)).any_above(L::splat(0.0))
 }
 
@@ -170,10 +169,8 @@ pub struct Filter<T, M> {
     pub(super) even: u64,
     /// Latest rows of each sensor that are copies of the one before: packets that were lost. Before this sample there are
     /// copies that could not be repaired any more.
-    lost: [u64; 2],
+    pub(super) lost: [u64; 2],
     pub(super) unrepaired: u64,
-    /// Before this sample there are rows that were mended.
-    mended: u64,
 }
 
 /// From one sample to the next.
@@ -212,7 +209,6 @@ impl<T: Real, M: Method> Filter<T, M> {
             even: 0,
             lost: [0; 2],
             unrepaired: 0,
-            mended: 0,
         }
     }
 
@@ -228,7 +224,7 @@ impl<T: Real, M: Method> Filter<T, M> {
     }
 
     /// The same, and hands over every estimate when its accelerations have been used, with the number of its sample. While the
-    /// filter is starting, these hold no orientation.
+    /// filter is starting, these hold nothing.
     #[inline(always)]
     pub(super) fn push_into(&mut self, time_s: f64, sample: &PairSample, sink: &mut impl FnMut(u64, Estimate)) {
         if !(time_s.is_finite() && is_finite(sample)) {
@@ -287,15 +283,9 @@ impl<T: Real, M: Method> Filter<T, M> {
                 if fresh + 1 < self.done {
                     self.unrepaired = self.done;
                 }
-                self.mended = number;
                 self.lost[sensor] = 0;
             }
         }
-    }
-
-    /// Whether no row from `number` on was mended or is waiting to be: what a recording holds is then what the ring holds.
-    pub(super) fn mended_before(&self, number: u64) -> bool {
-        self.lost == [0; 2] && self.mended <= number
     }
 
     /// Works in the samples that wait for neighbours that will not come, by the gyroscopes alone.
@@ -461,8 +451,7 @@ impl<T: Real, M: Method> Filter<T, M> {
                 self.start = None;
                 self.tracking_s = 0.0;
             } else {
-                let std = ComplexField::sqrt(start.variance()).min(LARGEST_STD);
-                return Estimate { q: [1.0, 0.0, 0.0, 0.0], std, status: Status::Starting };
+                return Estimate { q: [1.0, 0.0, 0.0, 0.0], std: LARGEST_STD, status: Status::Starting };
             }
         }
         self.estimate()
@@ -485,7 +474,7 @@ impl<T: Real, M: Method> Filter<T, M> {
     /// Starts anew where the two sensors' horizontal accelerations say that the heading is wrong.
     #[inline(always)]
     pub(super) fn watch(&mut self) {
-        if !alarm(&self.state) {
+        if !alarm(self.state.watch, self.state.q[0]) {
             return;
         }
         let broken = !(self.state.watch[0] + self.state.q[0]).to_f64().is_finite();
@@ -575,7 +564,6 @@ impl<T: Real, M: Method> Filter<T, M> {
             && self.stretch <= self.count
             && self.even <= self.count
             && self.unrepaired <= self.count
-            && self.mended <= self.count
             && self.lost.iter().all(|lost| *lost < self.count.max(1) && *lost <= LENGTH)
             && self.start.is_none_or(|s| s.is_sound())
     }

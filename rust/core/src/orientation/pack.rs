@@ -81,7 +81,7 @@ fn together_in<T: Real, M: Method, V: Eight<T>, const S: usize>(
         gather(lanes, &mut eight);
     }
     let Room { channels, moments: InLine(moments), results } = room;
-    let mut rows = Rows::<T, S>::new::<M, V>(channels, lanes);
+    let mut rows = Rows::<T, S>::new(channels, lanes);
     let mut done = 0;
     let mut stop = false;
     while done < steps && !stop {
@@ -92,25 +92,27 @@ fn together_in<T: Real, M: Method, V: Eight<T>, const S: usize>(
             let count = (length - first).min(GROUPS * EIGHT / S);
             constants.look(&rows, first, &mut moments[..(count * S).div_ceil(EIGHT)]);
             // Two times the same, number by number and lane by lane.
-            let mut row = 0;
-            let mut alarmed = false;
-            while row < count && !alarmed {
-                if S == 1 {
-                    let moment = moments[row / EIGHT].each(|x| x[row % EIGHT]).at_pace(pace);
-                    method.step(&tuning, &mut one, &moment, true);
-                    results.put_one(row, &one.q, method.variance(&one));
-                    alarmed = alarm(&one);
-                } else {
-                    let moment = moments[row].each(|x| V::load(x)).at_pace([constants.dt, constants.per_dt]);
+            let alarmed = if S == 1 {
+                let moment = |row: usize| moments[row / EIGHT].each(|x| x[row % EIGHT]).at_pace(pace);
+                let Results { q, variance } = results;
+                method.follow(&tuning, &mut one, moment, &mut q.0[..count], &mut variance.0[..count])
+            } else {
+                let mut alarmed = None;
+                for (row, moment) in moments[..count].iter().enumerate() {
+                    let moment = moment.each(|x| V::load(x)).at_pace([constants.dt, constants.per_dt]);
                     method.step(&constants.tuning, &mut eight, &moment, true);
                     results.put_eight(row, &eight.q, method.variance(&eight));
-                    alarmed = alarm(&eight);
+                    if alarm(eight.watch, eight.q[0]) {
+                        alarmed = Some(row);
+                        break;
+                    }
                 }
-                row += 1;
-            }
-            results.hand_over::<M, V, S>(lanes, row);
-            done += row;
-            if alarmed {
+                alarmed
+            };
+            let worked_in = alarmed.map_or(count, |row| row + 1);
+            results.hand_over::<M, V, S>(lanes, worked_in);
+            done += worked_in;
+            if alarmed.is_some() {
                 stop = true;
                 break;
             }
@@ -264,7 +266,7 @@ struct Rows<'r, T, const S: usize> {
 }
 
 impl<'r, T: Real, const S: usize> Rows<'r, T, S> {
-    fn new<M: Method, V: Eight<T>>(channels: &'r mut [InLine<[T; LONGEST]>; 12], lanes: &[Passenger<'_, T, M>]) -> Self {
+    fn new<M: Method>(channels: &'r mut [InLine<[T; LONGEST]>; 12], lanes: &[Passenger<'_, T, M>]) -> Self {
         let ahead = lanes[0].filter.delay_samples() as usize;
         let before = if S == 1 { (2 * ahead).next_multiple_of(EIGHT) } else { 2 * ahead };
         let mut biases = [[[0.0; 3 * EIGHT]; EIGHT]; 4];
@@ -274,14 +276,23 @@ impl<'r, T: Real, const S: usize> Rows<'r, T, S> {
                 biases[k].as_chunks_mut().0.fill(*bias);
             }
         }
-        let mut rows = Self { channels, before, ahead, biases: InLine(biases) };
-        rows.put::<M, V>(lanes, before - 2 * ahead, -(2 * ahead as isize), 2 * ahead);
-        rows
+        // The ring's rows, not the recording's: where packets were lost they are mended.
+        for k in 0..S {
+            let Filter { ring, count, .. } = &sitting(lanes, k).filter;
+            for back in 1..=2 * ahead {
+                let at = (before - back) * S + k;
+                for (channel, x) in channels.iter_mut().zip(ring.row(count - back as u64)) {
+                    channel.0[at] = *x;
+                }
+            }
+        }
+        Self { channels, before, ahead, biases: InLine(biases) }
     }
 
-    /// Puts `count` samples of each recording, from `from` samples after its position on, into the rows from `row` on.
+    /// Puts `count` new samples of each recording, from `done` samples after its position on, behind the rows before.
     #[inline(always)]
-    fn put<M: Method, V: Eight<T>>(&mut self, lanes: &[Passenger<'_, T, M>], row: usize, from: isize, count: usize) {
+    fn put<M: Method, V: Eight<T>>(&mut self, lanes: &[Passenger<'_, T, M>], done: usize, count: usize) {
+        let row = self.before;
         // Eight samples of eight recordings change rows and columns in registers; what is left over goes one by one.
         let whole = if S == 1 { 0 } else { count - count % EIGHT };
         for (s, channels) in self.channels.as_chunks_mut::<3>().0.iter_mut().enumerate() {
@@ -289,7 +300,7 @@ impl<'r, T: Real, const S: usize> Rows<'r, T, S> {
                 let mut samples = [[].as_slice(); EIGHT];
                 for (k, samples) in samples.iter_mut().enumerate() {
                     let lane = sitting(lanes, k);
-                    let at = lane.position.wrapping_add_signed(from);
+                    let at = lane.position + done;
                     *samples = lane.signals.xyz[s][at..at + whole].as_chunks::<EIGHT>().0;
                 }
                 let groups =
@@ -311,7 +322,7 @@ impl<'r, T: Real, const S: usize> Rows<'r, T, S> {
             }
             for k in 0..S {
                 let lane = sitting(lanes, k);
-                let (bias, at) = (&self.biases.0[s][k], lane.position.wrapping_add_signed(from));
+                let (bias, at) = (&self.biases.0[s][k], lane.position + done);
                 let rows = S * (row + whole)..S * (row + count);
                 let [x, y, z] = channels.each_mut().map(|c| c.0[rows.clone()].as_chunks_mut::<S>().0);
                 let samples = lane.signals.xyz[s][at + whole..at + count].iter();
@@ -328,7 +339,7 @@ impl<'r, T: Real, const S: usize> Rows<'r, T, S> {
     /// in.
     #[inline(always)]
     fn read<M: Method, V: Eight<T>>(&mut self, lanes: &[Passenger<'_, T, M>], done: usize, count: usize) -> usize {
-        self.put::<M, V>(lanes, self.before, done as isize, count);
+        self.put::<M, V>(lanes, done, count);
         let even = lanes.iter().map(|lane| lane.even_for(done, count)).min().unwrap_or(0);
         // All must be finite, and no sensor may repeat its row: lost packets are mended alone.
         for at in (0..even * S).step_by(EIGHT) {
@@ -396,12 +407,6 @@ struct Results<T> {
 }
 
 impl<T: Real> Results<T> {
-    #[inline(always)]
-    fn put_one(&mut self, row: usize, q: &[T; 4], variance: T) {
-        self.q.0[row] = *q;
-        self.variance.0[row] = variance;
-    }
-
     #[inline(always)]
     fn put_eight<V: Eight<T>>(&mut self, row: usize, q: &[V; 4], variance: V) {
         for (all, q) in self.q.0.as_flattened_mut().as_chunks_mut().0[4 * row..].iter_mut().zip(q) {

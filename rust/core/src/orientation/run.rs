@@ -8,7 +8,7 @@ use super::{
     lane::Real,
     method::{Method, mean},
 };
-use crate::{PairSample, Xyz, condition::BREAK_STEPS};
+use crate::{PairSample, Xyz, condition::BREAK_STEPS, wide::wide};
 
 /// gyr1, acc1, gyr2, acc2 of equal length.
 #[derive(Clone, Copy, Debug)]
@@ -134,27 +134,61 @@ pub(super) fn finish<T: Real, M: Method>(filter: &mut Filter<T, M>, signals: &Si
     rest.flush(&mut |_, e| page.push(e));
     let all = ..page.filled;
     let (q, std, status) = (&mut page.q[all], &mut page.std[all], &page.status[all]);
-    if let (Some(end), Status::Starting) = (q.last_mut(), last.status) {
-        *end = last.q;
+    if let (Some(q), Some(std), Status::Starting) = (q.last_mut(), std.last_mut(), last.status) {
+        (*q, *std) = (last.q, last.std);
     }
     carry_back(filter.settings(), signals, q, std, status);
     make_continuous(q, std);
 }
 
+/// The samples of starts, the last one first. They are few: most parts are passed over as a whole.
+fn starting(status: &[Status]) -> impl Iterator<Item = usize> {
+    let parts = status.chunks(PART).enumerate().rev();
+    let some = parts.filter(|(_, part)| part.iter().fold(false, |some, s| some | (*s == Status::Starting)));
+    some.flat_map(move |(k, part)| (0..part.len()).rev().filter(|j| part[*j] == Status::Starting).map(move |j| k * PART + j))
+}
+
+/// Samples that are looked at together.
+const PART: usize = 256;
+
 /// Turns the signs so that none flips from one sample to the next. Where the numbers overflowed, the orientation is unknown.
 fn make_continuous(q: &mut [Quat<f64>], std: &mut [f64]) {
     let mut before = [0.0; 4];
-    for (q, std) in q.iter_mut().zip(std) {
-        if !((dot4(q, q) - 1.0).abs() < 1e-3 && std.is_finite()) {
-            (*q, *std) = ([1.0, 0.0, 0.0, 0.0], core::f64::consts::PI);
+    for (q, std) in q.chunks_mut(PART).zip(std.chunks_mut(PART)) {
+        if q.first().is_some_and(|first| dot4(first, &before) >= 0.0) && are_continuous(q, std) {
+            before = *q.last().unwrap_or(&before);
+            continue;
         }
-        if dot4(q, &before) < 0.0 {
-            *q = q.map(|x| -x);
+        for (q, std) in q.iter_mut().zip(std) {
+            if !is_sound(q, *std) {
+                (*q, *std) = ([1.0, 0.0, 0.0, 0.0], core::f64::consts::PI);
+            }
+            if dot4(q, &before) < 0.0 {
+                *q = q.map(|x| -x);
+            }
+            before = *q;
         }
-        before = *q;
     }
 }
 
+wide! {
+    /// Whether nothing has to be done about these.
+    fn are_continuous(q: &[Quat<f64>], std: &[f64]) -> bool = continuous;
+}
+
+#[inline(always)]
+fn continuous(q: &[Quat<f64>], std: &[f64]) -> bool {
+    let sound = q.iter().zip(std).fold(true, |all, (q, std)| all & is_sound(q, *std));
+    let pairs = q.iter().zip(q.get(1..).unwrap_or_default());
+    sound & pairs.fold(true, |all, (a, b)| all & (dot4(a, b) >= 0.0))
+}
+
+#[inline(always)]
+fn is_sound(q: &Quat<f64>, std: f64) -> bool {
+    ((dot4(q, q) - 1.0).abs() < 1e-3) & std.is_finite()
+}
+
+#[inline(always)]
 fn dot4(a: &Quat<f64>, b: &Quat<f64>) -> f64 {
     (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3])
 }
@@ -162,10 +196,7 @@ fn dot4(a: &Quat<f64>, b: &Quat<f64>) -> f64 {
 /// Gives the samples of a start the orientation that it found, turned back by the gyroscopes.
 fn carry_back(settings: &Settings, signals: &Signals<'_>, q: &mut [Quat<f64>], std: &mut [f64], status: &[Status]) {
     let [gyr1, _, gyr2, _] = signals.xyz;
-    for k in (0..status.len().saturating_sub(1)).rev() {
-        if status[k] != Status::Starting {
-            continue;
-        }
+    for k in starting(status).filter(|k| k + 1 < status.len()) {
         let dt = if signals.time_s.is_some() {
             signals.time(k + 1, settings.rate_hz) - signals.time(k, settings.rate_hz)
         } else {

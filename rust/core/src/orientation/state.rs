@@ -126,6 +126,19 @@ pub fn at_joint_center<L: Lane>(acc: Vec3<L>, gyr: Vec3<L>, gyr_dot: Vec3<L>, r:
     sub(acc, add(cross(gyr, cross(gyr, r)), cross(gyr_dot, r)))
 }
 
+/// `exp(−turn1/2) ⊙ q ⊙ exp(turn2/2)`: eq. 5a of both sensors, seen from sensor 1.
+#[inline(always)]
+pub(crate) fn turned<L: Lane>(q: Quat<L>, m: &Moment<L>) -> Quat<L> {
+    let [step1, step2] = m.step;
+    mul(mul(inverted(step1), q), step2)
+}
+
+/// The acceleration of sensor 1 as sensor 2 should see it.
+#[inline(always)]
+pub(crate) fn expected<L: Lane>(q: Quat<L>, m: &Moment<L>) -> Vec3<L> {
+    rotate_back(q, m.acc1)
+}
+
 /// A filter's estimate. Perturbations act on the right, so errors and covariance are in the frame of sensor 2.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct State<L> {
@@ -212,18 +225,10 @@ impl<L: Lane> State<L> {
         f(&mut self.leaning.variance, &mut other.leaning.variance);
     }
 
-    /// `q ← exp(−turn1/2) ⊙ q ⊙ exp(turn2/2)`: eq. 5a of both sensors, seen from sensor 1; what is up turns along.
+    /// What is up turns with sensor 2.
     #[inline(always)]
-    pub(crate) fn turn(&mut self, m: &Moment<L>) {
-        let [step1, step2] = m.step;
-        self.q = mul(mul(inverted(step1), self.q), step2);
-        self.up = sub(self.up, cross(m.turn2, self.up));
-    }
-
-    /// The acceleration of sensor 1 as sensor 2 should see it.
-    #[inline(always)]
-    pub(crate) fn expected(&self, m: &Moment<L>) -> Vec3<L> {
-        rotate_back(self.q, m.acc1)
+    pub(crate) fn turn_up(&mut self, turn2: Vec3<L>) {
+        self.up = sub(self.up, cross(turn2, self.up));
     }
 
     /// Follows the direction of gravity.
@@ -236,7 +241,7 @@ impl<L: Lane> State<L> {
         up
     }
 
-    /// Follows what tells whether heading is seen and right; `seen` is [`Self::expected`].
+    /// Follows what tells whether heading is seen and right; `seen` is [`expected`].
     #[inline(always)]
     pub(crate) fn observe(&mut self, m: &Moment<L>, up: &Up<L>, seen: Vec3<L>, error2: L) {
         self.heading_power = self.heading_power + (up.flat - self.heading_power) * share(m.dt, POWER_S);
