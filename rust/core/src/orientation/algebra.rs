@@ -45,6 +45,17 @@ pub fn mul<L: Lane>(a: Quat<L>, b: Quat<L>) -> Quat<L> {
     ]
 }
 
+/// Hamilton product with a vector, `q ⊙ (0, v)`.
+#[inline(always)]
+pub fn mul_vector<L: Lane>(q: Quat<L>, v: Vec3<L>) -> Quat<L> {
+    [
+        -(q[1] * v[0] + q[2] * v[1] + q[3] * v[2]),
+        q[0] * v[0] + (q[2] * v[2] - q[3] * v[1]),
+        q[0] * v[1] + (q[3] * v[0] - q[1] * v[2]),
+        q[0] * v[2] + (q[1] * v[1] - q[2] * v[0]),
+    ]
+}
+
 /// `R(q)ᵀ v`.
 #[inline(always)]
 pub fn rotate_back<L: Lane>(q: Quat<L>, v: Vec3<L>) -> Vec3<L> {

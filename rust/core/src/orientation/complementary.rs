@@ -8,10 +8,11 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     algebra::{
-        Quat, Sym3, Vec3, add, add_diagonal, cross, dot, first_order, inverted, mul, nearly_unit, normalize, rotate_back,
-        scale, sub,
+        Quat, Sym3, Vec3, add, add_diagonal, cross, dot, first_order, inverted, mul, mul_vector, nearly_unit, normalize,
+        rotate_back, scale, sub,
     },
-    filter::alarm,
+    eight::{EIGHT, Eight},
+    interleaved,
     lane::{Lane, Real},
     method::{Method, Tuning, follow_in_turn},
     state::{Moment, State, Up, expected, share, turned},
@@ -59,73 +60,165 @@ impl Default for Complementary {
 
 /// Default of [`Complementary::drift_limit`].
 const DRIFT_LIMIT: f64 = 1.5;
-/// Time constant of the drift that the limit is taken from, s.
-const DIFFUSION_S: f64 = 1.0;
 /// m/s².
 const GRAVITY: f64 = 9.81;
 /// Below this square of a cross product of accelerations, g⁴, there is no direction to correct in.
 const TINY: f64 = 1e-12;
 
+/// Means as they are at a sample: up, what drift adds, what is left of the larger gain.
+#[derive(Clone, Copy)]
+pub(super) struct Trail<L> {
+    up: Vec3<L>,
+    diffusion: L,
+    boost: L,
+}
+
 /// What is known of a sample before its orientation.
 #[derive(Clone, Copy)]
-struct Ahead<L> {
+pub(super) struct Ahead<L> {
     /// Variance that drift adds about every axis, rad².
     spread: L,
-    /// Square of the correction's full speed, (rad/s)².
-    speed2: L,
     up: Up<L>,
-    /// [`Complementary::heading_excess`].
+    /// So many times more the gradient's part about the vertical counts, and that per square of [`Up::up`].
     excess: L,
+    vertical: L,
+    /// What that adds to the gradient's square, for the square of its part along [`Up::up`].
+    stretch: L,
+    /// Acceleration of sensor 2 per square of gravity, and `up ×` that.
+    toward: Vec3<L>,
+    sideways: Vec3<L>,
+    /// Square of the gradient at which the step has 0.7 of its size, g⁴.
+    soft: L,
+    /// Square of the full speed, (rad/s)².
+    speed2: L,
 }
 
 /// What a correction shows: the acceleration of sensor 1 as sensor 2 should see it, and the size of the step.
 #[derive(Clone, Copy)]
-struct Seen<L> {
+pub(super) struct Seen<L> {
     seen: Vec3<L>,
     step: L,
 }
 
-/// A correction: by how fast sensor 2 turns against sensor 1, `√(speed2·plain/((plain + level)·square))·direction` in frame 2,
+/// What that teaches, with nothing of earlier samples in it.
+#[derive(Clone, Copy)]
+pub(super) struct Lesson<L> {
+    /// The link residual and its square.
+    error: Vec3<L>,
+    error2: L,
+    /// Squares of the acceleration of sensor 2, and of its horizontal part.
+    level: L,
+    flat: L,
+    /// [`Up::watched`].
+    watched: [L; 2],
+    /// Variance that is new, and of tilt and heading: which part of it stays, and what comes per variance of the link.
+    spread: L,
+    left: [L; 2],
+    noise: [L; 2],
+}
+
+impl<L: Copy> Trail<L> {
+    #[inline(always)]
+    pub fn numbers(&self) -> [L; 5] {
+        let Self { up: [x, y, z], diffusion, boost } = *self;
+        [x, y, z, diffusion, boost]
+    }
+
+    #[inline(always)]
+    pub fn from_numbers([x, y, z, diffusion, boost]: [L; 5]) -> Self {
+        Self { up: [x, y, z], diffusion, boost }
+    }
+}
+
+impl<L: Copy> Ahead<L> {
+    #[inline(always)]
+    pub fn numbers(&self) -> [L; 18] {
+        let Self { spread, up: u, excess, vertical, stretch, toward: [a, b, c], sideways: [d, e, f], soft, speed2 } = *self;
+        let Up { up: [x, y, z], square, per_square, flat } = u;
+        [spread, x, y, z, square, per_square, flat, excess, vertical, stretch, a, b, c, d, e, f, soft, speed2]
+    }
+
+    #[inline(always)]
+    pub fn from_numbers(numbers: [L; 18]) -> Self {
+        let [spread, x, y, z, square, per_square, flat, excess, vertical, stretch, a, b, c, d, e, f, soft, speed2] = numbers;
+        let up = Up { up: [x, y, z], square, per_square, flat };
+        Self { spread, up, excess, vertical, stretch, toward: [a, b, c], sideways: [d, e, f], soft, speed2 }
+    }
+}
+
+impl<L: Copy> Seen<L> {
+    #[inline(always)]
+    pub fn numbers(&self) -> [L; 4] {
+        let Self { seen: [x, y, z], step } = *self;
+        [x, y, z, step]
+    }
+
+    #[inline(always)]
+    pub fn from_numbers([x, y, z, step]: [L; 4]) -> Self {
+        Self { seen: [x, y, z], step }
+    }
+}
+
+impl<L: Copy> Lesson<L> {
+    #[inline(always)]
+    pub fn numbers(&self) -> [L; 13] {
+        let Self { error: [x, y, z], error2, level, flat, watched: [a, b], spread, left: [c, d], noise: [e, f] } = *self;
+        [x, y, z, error2, level, flat, a, b, spread, c, d, e, f]
+    }
+
+    #[inline(always)]
+    pub fn from_numbers([x, y, z, error2, level, flat, a, b, spread, c, d, e, f]: [L; 13]) -> Self {
+        Self { error: [x, y, z], error2, level, flat, watched: [a, b], spread, left: [c, d], noise: [e, f] }
+    }
+}
+
+/// A correction: by how fast sensor 2 turns against sensor 1, `√(speed2·plain/((plain + soft)·square))·direction` in frame 2,
 /// rad/s.
 struct Correction<L> {
     /// Along the gradient, g².
     direction: Vec3<L>,
     /// Its square, g⁴.
     square: L,
-    /// Square of the gradient, and that at which the step has 0.7 of its size, g⁴.
+    /// Square of the gradient whose part about the vertical does not count more, g⁴.
     plain: L,
-    level: L,
-    /// Square of the full speed, (rad/s)².
+    soft: L,
     speed2: L,
 }
 
 impl<L: Lane> Correction<L> {
-    /// The same with a gradient whose part about the vertical counts `excess` times more.
+    /// Eq. 13: along the gradient.
     #[inline(always)]
-    fn about(mut self, up: &Up<L>, excess: L) -> Self {
-        let (upwards, vertical) = (dot(self.direction, up.up), excess * up.per_square);
-        self.direction = add(self.direction, scale(up.up, upwards * vertical));
-        self.square = (self.square + upwards * upwards * (vertical * (excess + L::splat(2.0)))).at_least(L::splat(TINY));
-        self
+    fn toward(seen: Vec3<L>, ahead: &Ahead<L>) -> Self {
+        let Ahead { up, vertical, stretch, toward, sideways, soft, speed2, .. } = *ahead;
+        // −Rᵀu: turning sensor 2 this way brings its acceleration onto that of sensor 1.
+        let gradient = cross(toward, seen);
+        let upwards = dot(seen, sideways);
+        let plain = dot(gradient, gradient).at_least(L::splat(TINY));
+        let square = (plain + upwards * upwards * stretch).at_least(L::splat(TINY));
+        Self { direction: add(gradient, scale(up.up, upwards * vertical)), square, plain, soft, speed2 }
     }
 
     #[inline(always)]
     fn rate(&self) -> Vec3<L> {
-        scale(self.direction, (self.speed2 * self.plain / ((self.plain + self.level) * self.square)).sqrt())
+        scale(self.direction, (self.speed2 * self.plain / ((self.plain + self.soft) * self.square)).sqrt())
     }
 
-    /// Its first-order step (eq. 5b), `(1, rate·dt/2)`, brought to length one: one division, and two roots beside it. And the step
-    /// by itself, in directions.
+    /// `q` after its first-order step (eq. 5b), `(1, rate·dt/2)`, brought to length one: one division, and two roots beside it.
+    /// And the step by itself, in directions.
     #[inline(always)]
-    fn step(&self, dt: L) -> (Quat<L>, L) {
+    fn step(&self, q: Quat<L>, dt: L) -> (Quat<L>, L) {
         let over = self.speed2 * (dt * dt * L::splat(0.25)) * self.plain;
-        let under = self.plain + self.level;
+        let under = self.plain + self.soft;
         let whole = under + over;
         let both = self.square * whole;
         let per_both = L::splat(1.0) / both;
         let half = (over * both).sqrt() * per_both;
-        let [x, y, z] = scale(self.direction, half);
-        ([(under * whole).sqrt() * (self.square * per_both), x, y, z], (half + half) * L::splat(1.0 / (GRAVITY * GRAVITY)))
+        let kept = (under * whole).sqrt() * (self.square * per_both);
+        // The product is there before the roots are.
+        let turn = mul_vector(q, self.direction);
+        let step = (half + half) * L::splat(1.0 / (GRAVITY * GRAVITY));
+        let new = |k: usize| q[k] * kept + turn[k] * half;
+        ([new(0), new(1), new(2), new(3)], step)
     }
 }
 
@@ -143,80 +236,126 @@ impl Complementary {
         !self.literal && self.bias_gain == 0.0
     }
 
-    /// Variance that a step adds about every axis, and the square of the correction's full speed (eq. 12): as fast as β says, and
-    /// no faster than the drift asks for.
+    /// Variance that a step adds about every axis, and what the limit allows for, rad²/s: white noise is known, and counts as in
+    /// eq. 12; what grows with motion may be more.
     #[inline(always)]
-    fn drifts<L: Lane>(&self, t: &Tuning<L>, s: &mut State<L>, m: &Moment<L>) -> [L; 2] {
-        // White noise is known, and counts as in eq. 12; of what grows with motion the limit allows for more.
-        let allowed = t.process(L::splat(self.drift_limit), m);
-        s.diffusion = s.diffusion + (allowed * m.per_dt - s.diffusion) * share(m.dt, DIFFUSION_S);
+    pub(super) fn drift<L: Lane>(&self, t: &Tuning<L>, m: &Moment<L>) -> [L; 2] {
+        [t.process(L::splat(1.0), m), t.process(L::splat(self.drift_limit), m) * m.per_dt]
+    }
+
+    /// Square of the correction's full speed (eq. 12): as fast as β says, and no faster than the drift asks for.
+    #[inline(always)]
+    fn speed2<L: Lane>(&self, t: &Tuning<L>, m: &Moment<L>, diffusion: L, boost: L) -> L {
         // Each sensor takes β/√2; together they turn by √2·β.
         let beta = L::splat(self.beta);
         let mut speed2 = beta * beta * L::splat(2.0);
         if self.drift_limit > 0.0 {
             let bias_var = t.bias_var * L::splat(self.drift_limit * self.drift_limit);
-            speed2 = speed2.at_most((s.diffusion * m.per_dt + bias_var) * L::splat(3.0));
+            speed2 = speed2.at_most((diffusion * m.per_dt + bias_var) * L::splat(3.0));
         }
-        [t.process(L::splat(1.0), m), speed2 + s.boost * (beta + beta + s.boost) * L::splat(2.0)]
+        speed2 + boost * (beta + beta + boost) * L::splat(2.0)
     }
 
-    /// Eq. 13: along the gradient.
+    /// What a correction needs.
     #[inline(always)]
-    fn correction<L: Lane>(&self, speed2: L, m: &Moment<L>, seen: Vec3<L>) -> Correction<L> {
-        // −Rᵀu: turning sensor 2 this way brings its acceleration onto that of sensor 1.
-        let direction = cross(scale(m.acc2, L::splat(1.0 / (GRAVITY * GRAVITY))), seen);
-        let plain = dot(direction, direction).at_least(L::splat(TINY));
+    fn prepared<L: Lane>(&self, m: &Moment<L>, [spread, speed2]: [L; 2], up: Up<L>, excess: L) -> Ahead<L> {
+        let toward = scale(m.acc2, L::splat(1.0 / (GRAVITY * GRAVITY)));
+        let vertical = excess * up.per_square;
         let soft = self.soft_angle / (GRAVITY * GRAVITY);
-        let level = m.level[0] * m.level[1] * L::splat(soft * soft);
-        Correction { direction, square: plain, plain, level, speed2 }
+        Ahead {
+            spread,
+            up,
+            excess,
+            vertical,
+            stretch: vertical * (excess + L::splat(2.0)),
+            toward,
+            sideways: cross(up.up, toward),
+            soft: m.level[0] * m.level[1] * L::splat(soft * soft),
+            speed2,
+        }
+    }
+
+    /// Brings the means that need no orientation to the sample.
+    #[inline(always)]
+    pub(super) fn trail<L: Lane>(&self, s: &mut State<L>, m: &Moment<L>, allowed: L) -> Trail<L> {
+        s.follow_drift(m, allowed);
+        let boost = s.boost;
+        s.boost = boost - boost * share(m.dt, self.settle_s);
+        s.turn_up(m.turn2);
+        s.follow_up(m);
+        Trail { up: s.up, diffusion: s.diffusion, boost }
     }
 
     /// All of a sample that needs no orientation.
     #[inline(always)]
-    fn look_ahead<L: Lane>(&self, t: &Tuning<L>, s: &mut State<L>, m: &Moment<L>) -> Ahead<L> {
-        let [spread, speed2] = self.drifts(t, s, m);
-        s.boost = s.boost - s.boost * share(m.dt, self.settle_s);
-        s.turn_up(m.turn2);
-        let up = s.look_up(m);
-        Ahead { spread, speed2, up, excess: self.heading_excess(&up) }
+    pub(super) fn ahead<L: Lane>(&self, t: &Tuning<L>, m: &Moment<L>, [spread, _]: [L; 2], trail: &Trail<L>) -> Ahead<L> {
+        let up = Up::of(trail.up, m);
+        self.prepared(m, [spread, self.speed2(t, m, trail.diffusion, trail.boost)], up, self.heading_excess(&up))
     }
 
     /// The orientation after the sample, from that before: what the next one waits for.
     #[inline(always)]
-    fn corrected<L: Lane>(&self, q: Quat<L>, m: &Moment<L>, ahead: &Ahead<L>) -> (Quat<L>, Seen<L>) {
+    pub(super) fn corrected<L: Lane>(&self, q: Quat<L>, m: &Moment<L>, ahead: &Ahead<L>) -> (Quat<L>, Seen<L>) {
         let q = turned(q, m);
         let seen = expected(q, m);
-        let (by, step) = self.correction(ahead.speed2, m, seen).about(&ahead.up, ahead.excess).step(m.dt);
-        (mul(nearly_unit(q), by), Seen { seen, step })
+        let (q, step) = Correction::toward(seen, ahead).step(nearly_unit(q), m.dt);
+        (q, Seen { seen, step })
     }
 
-    /// What the sample teaches besides.
+    /// What it teaches.
     #[inline(always)]
-    fn learn<L: Lane>(&self, t: &Tuning<L>, s: &mut State<L>, m: &Moment<L>, ahead: &Ahead<L>, now: &Seen<L>) {
+    pub(super) fn lesson<L: Lane>(&self, m: &Moment<L>, ahead: &Ahead<L>, now: &Seen<L>) -> Lesson<L> {
         let (Ahead { spread, up, excess, .. }, Seen { seen, step }) = (*ahead, *now);
         let error = sub(seen, m.acc2);
         let error2 = dot(error, error);
-        s.observe(m, &up, seen, error2);
         // Tilt is seen by the whole acceleration, heading by its horizontal part; of the error η a correction takes `KHη`, with
         // `KH = step (I + (gain − 1) up alongᵀ)(a² I − a aᵀ)`, and it brings in noise: `(I − KH)P(I − KH)ᵀ + KRKᵀ`.
         let one = L::splat(1.0);
-        let [tilt, heading] = [s.p[0] + spread, s.p[1] + spread];
         let level = m.level[1];
-        s.follow_link(m, error, error2, tilt * level * L::splat(2.0 / 3.0));
         let turn = step * (one + excess);
-        let (left, left_heading) = (one - (step * level).at_most(one), one - (turn * up.flat).at_most(one));
-        s.p[0] = tilt * (left * left) + step * step * (level * s.link_slow_var);
-        s.p[1] = heading * (left_heading * left_heading) + turn * turn * (up.flat * s.link_slow_var);
+        let left = [one - (step * level).at_most(one), one - (turn * up.flat).at_most(one)];
+        Lesson {
+            error,
+            error2,
+            level,
+            flat: up.flat,
+            watched: up.watched(m, seen, error2),
+            spread,
+            left: [left[0] * left[0], left[1] * left[1]],
+            noise: [step * step * level, turn * turn * up.flat],
+        }
+    }
+
+    /// Takes it in.
+    #[inline(always)]
+    pub(super) fn absorb<L: Lane>(&self, s: &mut State<L>, m: &Moment<L>, lesson: &Lesson<L>) {
+        let Lesson { error, error2, level, flat, watched, spread, left, noise } = *lesson;
+        s.observe(m, flat, watched);
+        let [tilt, heading] = [s.p[0] + spread, s.p[1] + spread];
+        s.follow_link(m, error, error2, [tilt, level * L::splat(2.0 / 3.0)]);
+        s.p[0] = tilt * left[0] + noise[0] * s.link_slow_var;
+        s.p[1] = heading * left[1] + noise[1] * s.link_slow_var;
+    }
+
+    /// Brings [`State::leaning`] up to date.
+    #[inline(always)]
+    pub(super) fn lean<L: Lane>(&self, t: &Tuning<L>, s: &mut State<L>, m: &Moment<L>, ahead: &Ahead<L>, now: &Seen<L>) {
+        let (Ahead { up, excess, .. }, a, level) = (*ahead, m.acc2, m.level[1]);
+        let seen_along = scale(sub(scale(up.up, level), scale(a, dot(a, up.up))), excess * up.per_square);
+        let mut pull = [a; 3];
+        for (r, row) in pull.iter_mut().enumerate() {
+            *row = sub(scale(seen_along, up.up[r]), scale(a, a[r]));
+            row[r] = row[r] + level;
+            *row = scale(*row, now.step);
+        }
+        s.leaning.update(m.per_dt, &pull, t.bias_var);
+    }
+
+    #[inline(always)]
+    fn learn<L: Lane>(&self, t: &Tuning<L>, s: &mut State<L>, m: &Moment<L>, ahead: &Ahead<L>, now: &Seen<L>) {
+        self.absorb(s, m, &self.lesson(m, ahead, now));
         if s.leaning.wait(m) {
-            let a = m.acc2;
-            let seen_along = scale(sub(scale(up.up, level), scale(a, dot(a, up.up))), excess * up.per_square);
-            let mut pull = [a; 3];
-            for (r, row) in pull.iter_mut().enumerate() {
-                *row = sub(scale(seen_along, up.up[r]), scale(a, a[r]));
-                row[r] = row[r] + level;
-                *row = scale(*row, step);
-            }
-            s.leaning.update(m.per_dt, &pull, t.bias_var);
+            self.lean(t, s, m, ahead, now);
         }
     }
 
@@ -242,7 +381,9 @@ impl Method for Complementary {
     #[inline(always)]
     fn step<L: Lane>(&self, t: &Tuning<L>, s: &mut State<L>, m: &Moment<L>, correct: bool) {
         if correct && self.looks_ahead() {
-            let ahead = self.look_ahead(t, s, m);
+            let drift = self.drift(t, m);
+            let trail = self.trail(s, m, drift[1]);
+            let ahead = self.ahead(t, m, drift, &trail);
             let (q, seen) = self.corrected(s.q, m, &ahead);
             s.q = q;
             self.learn(t, s, m, &ahead, &seen);
@@ -253,10 +394,14 @@ impl Method for Complementary {
             let turns = [add(m.turn1, scale(s.gyr_bias[0], -m.dt)), add(m.turn2, scale(s.gyr_bias[1], -m.dt))];
             m = Moment::new([m.dt, m.per_dt], turns, [m.acc1, m.acc2]);
         }
-        let [spread, speed2] = self.drifts(t, s, &m);
+        let [spread, allowed] = self.drift(t, &m);
+        s.follow_drift(&m, allowed);
+        let drifts = [spread, self.speed2(t, &m, s.diffusion, s.boost)];
         let mut step = L::splat(0.0);
         if self.literal {
-            step = self.literal_step(speed2, s, &m, correct);
+            // Of the gradient as it is, no part counts more.
+            let ahead = self.prepared(&m, drifts, Up::nowhere(), step);
+            step = self.literal_step(&ahead, s, &m, correct);
         } else {
             s.q = turned(s.q, &m);
             s.turn_up(m.turn2);
@@ -273,58 +418,39 @@ impl Method for Complementary {
             return;
         }
         let seen = expected(s.q, &m);
-        let up = s.look_up(&m);
-        let mut excess = L::splat(0.0);
+        s.follow_up(&m);
+        let up = Up::of(s.up, &m);
+        let excess = if self.literal { L::splat(0.0) } else { self.heading_excess(&up) };
+        let ahead = self.prepared(&m, drifts, up, excess);
         if !self.literal {
-            excess = self.heading_excess(&up);
-            let correction = self.correction(speed2, &m, seen).about(&up, excess);
+            let correction = Correction::toward(seen, &ahead);
             if self.bias_gain > 0.0 {
                 self.feed_back(s, correction.rate(), m.dt);
             }
-            let turned;
-            (turned, step) = correction.step(m.dt);
-            s.q = mul(nearly_unit(s.q), turned);
+            (s.q, step) = correction.step(nearly_unit(s.q), m.dt);
             s.boost = s.boost - s.boost * share(m.dt, self.settle_s);
         }
-        self.learn(t, s, &m, &Ahead { spread, speed2, up, excess }, &Seen { seen, step });
+        self.learn(t, s, &m, &ahead, &Seen { seen, step });
     }
 
     #[inline(always)]
-    fn follow<T: Real>(
+    fn follow<T: Real, V: Eight<T>>(
         &self,
-        t: &Tuning<T>,
+        tuning: &Tuning<f64>,
         state: &mut State<T>,
-        moment: impl Fn(usize) -> Moment<T>,
-        all_q: &mut [Quat<T>],
-        variances: &mut [T],
+        moments: &[Moment<[T; EIGHT]>],
+        pace: [f64; 2],
+        q: &mut [Quat<T>],
+        variance: &mut [T],
     ) -> Option<usize> {
-        if !self.looks_ahead() || all_q.is_empty() {
-            return follow_in_turn(self, t, state, moment, all_q, variances);
-        }
-        // What a sample teaches is worked out while the correction of the next one waits for its roots.
         let before = *state;
-        let last = all_q.len() - 1;
-        let variances = &mut variances[..=last];
-        let mut ahead = self.look_ahead(t, state, &moment(0));
-        let (mut q, mut seen) = self.corrected(state.q, &moment(0), &ahead);
-        let mut alarmed = false;
-        for row in 0..=last {
-            all_q[row] = q;
-            let (now, known, w) = (seen, ahead, q[0]);
-            if row < last {
-                ahead = self.look_ahead(t, state, &moment(row + 1));
-                (q, seen) = self.corrected(q, &moment(row + 1), &ahead);
+        if self.looks_ahead() {
+            if !interleaved::follow::<T, V>(self, tuning, state, moments, pace, q, variance) {
+                return None;
             }
-            self.learn(t, state, &moment(row), &known, &now);
-            variances[row] = self.variance(state);
-            alarmed |= alarm(state.watch, w);
+            *state = before;
         }
-        state.q = q;
-        if !alarmed {
-            return None;
-        }
-        *state = before;
-        follow_in_turn(self, t, state, moment, all_q, variances)
+        follow_in_turn(self, tuning, state, moments, pace, q, variance)
     }
 
     #[inline(always)]
@@ -350,12 +476,12 @@ impl Complementary {
     /// Steps 1–4 of Algorithm 1 as printed: the gradient pairs this acceleration with the previous orientation, and eq. 5b adds
     /// corrected rates to first order.
     #[inline(always)]
-    fn literal_step<L: Lane>(&self, speed2: L, s: &mut State<L>, m: &Moment<L>, correct: bool) -> L {
+    fn literal_step<L: Lane>(&self, ahead: &Ahead<L>, s: &mut State<L>, m: &Moment<L>, correct: bool) -> L {
         let (mut turn1, mut turn2) = (m.turn1, m.turn2);
         let mut step = L::splat(0.0);
         if correct {
-            let correction = self.correction(speed2, m, expected(s.q, m));
-            step = correction.step(m.dt).1;
+            let correction = Correction::toward(expected(s.q, m), ahead);
+            step = correction.step(s.q, m.dt).1;
             let [half1, half2] = Self::halves(s.q, correction.rate());
             turn1 = add(turn1, scale(half1, -m.dt));
             turn2 = add(turn2, scale(half2, -m.dt));

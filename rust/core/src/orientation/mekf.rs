@@ -16,7 +16,7 @@ use super::{
     },
     lane::{Lane, Real},
     method::{Method, Tuning},
-    state::{Moment, State, expected, share, turned},
+    state::{Moment, State, Up, expected, share, turned},
 };
 
 /// What happens to an innovation that is larger than expected.
@@ -181,10 +181,11 @@ impl Method for Mekf {
             let pull = [0, 1, 2].map(|r| together(&across, [gain[0][r], gain[1][r]]));
             s.leaning.update(m.per_dt, &pull, t.bias_var);
         }
-        let up = s.look_up(m);
-        s.observe(m, &up, seen, error2);
+        s.follow_up(m);
+        let up = Up::of(s.up, m);
+        s.observe(m, up.flat, up.watched(m, seen, error2));
         if self.adapt {
-            s.follow_link(m, e, error2, (known[0] + known[2]) * level * L::splat(1.0 / 3.0));
+            s.follow_link(m, e, error2, [known[0] + known[2], level * L::splat(1.0 / 3.0)]);
             Self::follow_drift(s, eta, m.dt);
         }
     }

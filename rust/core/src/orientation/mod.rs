@@ -8,7 +8,7 @@
 //! | [`state`] | what a filter knows, what an instant tells |
 //! | [`leaning`] | what unknown gyroscope biases do to it |
 //! | [`method`] | what the filters share: noise, steps |
-//! | [`complementary`] | Algorithm 1 |
+//! | [`complementary`], `interleaved` | Algorithm 1 |
 //! | [`mekf`] | multiplicative extended Kalman filter |
 //! | [`filter`] | samples in, estimates out: delay, gaps, restarts |
 //! | [`run`](mod@run) | whole recordings: what comes in, what is carried back |
@@ -23,6 +23,7 @@ pub mod complementary;
 mod eight;
 pub mod filter;
 pub mod innovation;
+mod interleaved;
 pub mod lane;
 pub mod leaning;
 pub mod mekf;

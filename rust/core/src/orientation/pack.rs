@@ -72,8 +72,8 @@ fn together_in<T: Real, M: Method, V: Eight<T>, const S: usize>(
 ) {
     let method = lanes[0].filter.method;
     let constants = Constants::<V>::of::<T, M>(lanes);
-    let tuning = lanes[0].filter.tuning.cast::<T>();
-    let pace = [lanes[0].filter.step_s, lanes[0].filter.settings.rate_hz].map(T::splat);
+    let tuning = lanes[0].filter.tuning;
+    let pace = [lanes[0].filter.step_s, lanes[0].filter.settings.rate_hz];
     // One of these is used.
     let mut one = lanes[0].filter.state;
     let mut eight = State::<V>::new([0.0; 4], [0.0; 6], [0.0; 3], 0.0);
@@ -93,9 +93,8 @@ fn together_in<T: Real, M: Method, V: Eight<T>, const S: usize>(
             constants.look(&rows, first, &mut moments[..(count * S).div_ceil(EIGHT)]);
             // Two times the same, number by number and lane by lane.
             let alarmed = if S == 1 {
-                let moment = |row: usize| moments[row / EIGHT].each(|x| x[row % EIGHT]).at_pace(pace);
-                let Results { q, variance } = results;
-                method.follow(&tuning, &mut one, moment, &mut q.0[..count], &mut variance.0[..count])
+                let Results { q: InLine(q), variance: InLine(variance) } = results;
+                method.follow::<T, V>(&tuning, &mut one, moments, pace, &mut q[..count], &mut variance[..count])
             } else {
                 let mut alarmed = None;
                 for (row, moment) in moments[..count].iter().enumerate() {
