@@ -99,6 +99,11 @@ pub fn first_order<L: Lane>(v: Vec3<L>) -> Quat<L> {
 }
 
 #[inline(always)]
+pub fn dot4<L: Lane>(a: Quat<L>, b: Quat<L>) -> L {
+    (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3])
+}
+
+#[inline(always)]
 pub fn normalize<L: Lane>(q: Quat<L>) -> Quat<L> {
     let s = L::splat(1.0) / ((q[0] * q[0] + q[1] * q[1]) + (q[2] * q[2] + q[3] * q[3])).sqrt();
     [q[0] * s, q[1] * s, q[2] * s, q[3] * s]

@@ -16,20 +16,22 @@
 use alloc::boxed::Box;
 
 use super::{
-    algebra::{Vec3, scale},
+    algebra::{Quat, Vec3, dot4, scale},
     batch::Passenger,
     eight::{Array, EIGHT, Eight},
     filter::{Filter, alarm, spread},
-    lane::Real,
+    lane::{Lane, Real},
     method::{Method, Tuning, mean},
     ring::{LENGTH, WIDEST, five_points, is_even},
+    run::UNSOUND,
     state::{Moment, State, at_joint_center},
 };
 
 /// Numbers of a channel that are read at a time: samples times recordings.
 const READ: usize = 256;
-/// Groups of eight instants that are worked out at a time.
-const GROUPS: usize = EIGHT;
+/// Groups of eight instants that are worked out at a time: of one recording, and of eight.
+const GROUPS: usize = 2 * EIGHT;
+const ROWS: usize = EIGHT;
 
 /// Runs `S` recordings (fewer repeat the last one) side by side for `steps` samples, or until one must go on alone: at once on
 /// x86-64 without AVX2, which is not worth code of its own.
@@ -84,12 +86,15 @@ fn together_in<T: Real, M: Method, V: Eight<T>, const S: usize>(
     let mut rows = Rows::<T, S>::new(channels, lanes);
     let mut done = 0;
     let mut stop = false;
+    // 1 in all lanes: nothing has to be done about their orientations in the end. One recording is looked at afterwards.
+    let mut smooth = V::splat(0.0);
     while done < steps && !stop {
         let wanted = (READ / S).min(steps - done);
         let length = rows.read::<M, V>(lanes, done, wanted);
         stop = length < wanted;
-        for first in (0..length).step_by(GROUPS * EIGHT / S) {
-            let count = (length - first).min(GROUPS * EIGHT / S);
+        let most = if S == 1 { GROUPS * EIGHT } else { ROWS };
+        for first in (0..length).step_by(most) {
+            let count = (length - first).min(most);
             constants.look(&rows, first, &mut moments[..(count * S).div_ceil(EIGHT)]);
             // Two times the same, number by number and lane by lane.
             let alarmed = if S == 1 {
@@ -97,9 +102,11 @@ fn together_in<T: Real, M: Method, V: Eight<T>, const S: usize>(
                 method.follow::<T, V>(&tuning, &mut one, moments, pace, &mut q[..count], &mut variance[..count])
             } else {
                 let mut alarmed = None;
+                smooth = V::splat(1.0);
                 for (row, moment) in moments[..count].iter().enumerate() {
-                    let moment = moment.each(|x| V::load(x)).at_pace([constants.dt, constants.per_dt]);
+                    let (moment, before) = (moment.each(|x| V::load(x)).at_pace([constants.dt, constants.per_dt]), eight.q);
                     method.step(&constants.tuning, &mut eight, &moment, true);
+                    smooth = smooth.at_most(goes_on(before, eight.q));
                     results.put_eight(row, &eight.q, method.variance(&eight));
                     if alarm(eight.watch, eight.q[0]) {
                         alarmed = Some(row);
@@ -109,7 +116,7 @@ fn together_in<T: Real, M: Method, V: Eight<T>, const S: usize>(
                 alarmed
             };
             let worked_in = alarmed.map_or(count, |row| row + 1);
-            results.hand_over::<M, V, S>(lanes, worked_in);
+            results.hand_over::<M, V, S>(lanes, worked_in, !V::splat(1.0).any_above(smooth));
             done += worked_in;
             if alarmed.is_some() {
                 stop = true;
@@ -388,6 +395,15 @@ fn eight_at<T: Real, V: Eight<T>>(channel: &[T], at: usize) -> V {
     V::load(unsafe { &*channel.as_ptr().add(at).cast() })
 }
 
+/// 1 where an orientation is one and goes on from the one before without a change of sign, else 0.
+#[inline(always)]
+fn goes_on<L: Lane>(before: Quat<L>, q: Quat<L>) -> L {
+    let (zero, one) = (L::splat(0.0), L::splat(1.0));
+    let off = dot4(q, q) - one;
+    let sound = L::splat(UNSOUND).where_above(off.at_least(-off), one, zero);
+    dot4(before, q).where_above(zero, sound, zero)
+}
+
 /// Rows and columns of eight by eight numbers change places.
 #[inline(always)]
 fn transposed<T: Real, V: Eight<T>>(from: &[[T; EIGHT]]) -> [V; EIGHT] {
@@ -416,23 +432,29 @@ impl<T: Real> Results<T> {
 
     /// Gives each recording its estimates of the first rows.
     #[inline(always)]
-    fn hand_over<M: Method, V: Eight<T>, const S: usize>(&mut self, lanes: &mut [Passenger<'_, T, M>], rows: usize) {
-        for group in self.variance.0.as_chunks_mut().0 {
+    fn hand_over<M: Method, V: Eight<T>, const S: usize>(
+        &mut self,
+        lanes: &mut [Passenger<'_, T, M>],
+        rows: usize,
+        smooth: bool,
+    ) {
+        for group in self.variance.0.as_chunks_mut().0.iter_mut().take((rows * S).div_ceil(EIGHT)) {
             spread(V::load(group)).store(group);
         }
         if S > 1 {
             self.turn_over::<V>();
         }
         for (k, lane) in lanes.iter_mut().enumerate() {
-            let at = k * GROUPS * EIGHT / S..k * GROUPS * EIGHT / S + rows;
-            lane.page.extend(&self.q.0[at.clone()], &self.variance.0[at]);
+            let at = k * ROWS..k * ROWS + rows;
+            lane.page.extend(&self.q.0[at.clone()], &self.variance.0[at], smooth);
         }
     }
 
     /// Eight rows of eight recordings: recording by recording.
     #[inline(always)]
     fn turn_over<V: Eight<T>>(&mut self) {
-        let side_by_side = InLine(self.q.0);
+        let Some(side_by_side) = self.q.0.first_chunk::<{ ROWS * EIGHT }>() else { return };
+        let side_by_side = InLine(*side_by_side);
         let (from, to) = (side_by_side.0.as_flattened().as_chunks().0, self.q.0.as_flattened_mut().as_chunks_mut().0);
         for two in 0..EIGHT / 2 {
             for (k, q) in transposed::<T, V>(&from[EIGHT * two..]).into_iter().enumerate() {
@@ -453,7 +475,10 @@ impl<T: Real, M: Method> Passenger<'_, T, M> {
         let first = self.position + done;
         let Some(times) = self.signals.time_s else { return count };
         let rate_hz = self.filter.settings.rate_hz;
-        times[first - 1..first + count].windows(2).position(|t| !is_even((t[1] - t[0]) * rate_hz)).unwrap_or(count)
+        let even = |t: &[f64]| is_even((t[1] - t[0]) * rate_hz);
+        let pairs = times[first - 1..first + count].windows(2);
+        // All at once, and only where that fails one by one.
+        if pairs.clone().fold(true, |all, t| all & even(t)) { count } else { pairs.take_while(|t| even(t)).count() }
     }
 
     /// Goes on `steps` samples later, when the state has already.
