@@ -15,6 +15,20 @@ pub trait Eight<T: Real>: Lane {
     fn store(self, to: &mut [T; EIGHT]);
     /// Number `j` of row `k` becomes number `k` of row `j`.
     fn transposed(rows: [Self; EIGHT]) -> [Self; EIGHT];
+    /// Eight times x, y, z one after the other become all x, all y, all z.
+    #[inline(always)]
+    fn apart(xyz: [Self; 3]) -> [Self; 3] {
+        let (mut mixed, mut numbers) = ([[T::default(); EIGHT]; 3], [[T::default(); EIGHT]; 3]);
+        for (to, from) in mixed.iter_mut().zip(xyz) {
+            from.store(to);
+        }
+        for (k, one) in mixed.as_flattened().as_chunks::<3>().0.iter().enumerate() {
+            for (to, x) in numbers.iter_mut().zip(one) {
+                to[k] = *x;
+            }
+        }
+        [Self::load(&numbers[0]), Self::load(&numbers[1]), Self::load(&numbers[2])]
+    }
     /// `from − less` of doubles, which may become shorter numbers.
     #[inline(always)]
     fn difference(from: &[f64; EIGHT], less: &[f64; EIGHT]) -> Self {
@@ -180,6 +194,21 @@ pub mod registers {
             columns[odd + 6].0 = [_mm512_shuffle_f64x2::<0xdd>(near, far)];
         }
         columns
+    }
+
+    /// Numbers 0, 3, 6… of 24, numbers 1, 4, 7… and 2, 5, 8…: of the first two registers, then of the third.
+    #[target_feature(enable = "avx512f")]
+    #[inline]
+    fn apart512([a, b, c]: [Doubles512; 3]) -> [Doubles512; 3] {
+        let ([a], [b], [c]) = (a.0, b.0, c.0);
+        let x = _mm512_permutex2var_pd(a, _mm512_setr_epi64(0, 3, 6, 9, 12, 15, 0, 0), b);
+        let y = _mm512_permutex2var_pd(a, _mm512_setr_epi64(1, 4, 7, 10, 13, 0, 0, 0), b);
+        let z = _mm512_permutex2var_pd(a, _mm512_setr_epi64(2, 5, 8, 11, 14, 0, 0, 0), b);
+        [
+            Doubles512([_mm512_permutex2var_pd(x, _mm512_setr_epi64(0, 1, 2, 3, 4, 5, 10, 13), c)]),
+            Doubles512([_mm512_permutex2var_pd(y, _mm512_setr_epi64(0, 1, 2, 3, 4, 8, 11, 14), c)]),
+            Doubles512([_mm512_permutex2var_pd(z, _mm512_setr_epi64(0, 1, 2, 3, 4, 9, 12, 15), c)]),
+        ]
     }
 
     /// 8×8 in four 4×4 blocks.
@@ -380,6 +409,11 @@ pub mod registers {
         _mm512_storeu_pd,
         transposed512,
         #[inline(always)]
+        fn apart(xyz: [Self; 3]) -> [Self; 3] {
+            // SAFETY: as above.
+            unsafe { apart512(xyz) }
+        }
+        #[inline(always)]
         fn difference(from: &[f64; EIGHT], less: &[f64; EIGHT]) -> Self {
             Self::load(from) - Self::load(less)
         }
@@ -429,6 +463,14 @@ mod tests {
             let mut rows = [V::load(&a); EIGHT];
             for (k, row) in rows.iter_mut().enumerate() {
                 *row = V::load(&core::array::from_fn(|j| T::splat((10 * k + j) as f64)));
+            }
+            let apart = V::apart([rows[0], rows[1], rows[2]]);
+            for (c, column) in apart.into_iter().enumerate() {
+                let mut numbers = a;
+                column.store(&mut numbers);
+                // Number n of the 24 is 10·(n / 8) + n mod 8.
+                let n = |k: usize| 3 * k + c;
+                assert_eq!(numbers, core::array::from_fn(|k| T::splat((10 * (n(k) / 8) + n(k) % 8) as f64)));
             }
             for (j, column) in V::transposed(rows).into_iter().enumerate() {
                 let mut numbers = a;

@@ -299,10 +299,27 @@ impl<'r, T: Real, const S: usize> Rows<'r, T, S> {
     #[inline(always)]
     fn put<M: Method, V: Eight<T>>(&mut self, lanes: &[Passenger<'_, T, M>], done: usize, count: usize) {
         let row = self.before;
-        // Eight samples of eight recordings change rows and columns in registers; what is left over goes one by one.
-        let whole = if S == 1 { 0 } else { count - count % EIGHT };
+        // Eight samples of one recording are taken apart in registers, those of eight change rows and columns there; what is left
+        // over goes one by one.
+        let whole = count - count % EIGHT;
         for (s, channels) in self.channels.as_chunks_mut::<3>().0.iter_mut().enumerate() {
-            if whole > 0 {
+            if S == 1 {
+                let lane = &lanes[0];
+                let at = lane.position + done;
+                let samples = lane.signals.xyz[s][at..at + whole].as_chunks::<EIGHT>().0;
+                let biases = self.biases.0[s][0].as_chunks().0;
+                let [x, y, z] = channels.each_mut().map(|c| c.0[row..row + whole].as_chunks_mut::<EIGHT>().0);
+                for (((x, y), z), samples) in x.iter_mut().zip(y).zip(z).zip(samples) {
+                    let mut parts = [V::splat(0.0); 3];
+                    for ((part, numbers), bias) in parts.iter_mut().zip(samples.as_flattened().as_chunks().0).zip(biases) {
+                        *part = V::difference(numbers, bias);
+                    }
+                    let [all_x, all_y, all_z] = V::apart(parts);
+                    all_x.store(x);
+                    all_y.store(y);
+                    all_z.store(z);
+                }
+            } else if whole > 0 {
                 let mut samples = [[].as_slice(); EIGHT];
                 for (k, samples) in samples.iter_mut().enumerate() {
                     let lane = sitting(lanes, k);
