@@ -308,7 +308,7 @@ fn rows<const N: usize>(py: Python<'_>, rows: Vec<[f64; N]>) -> PyResult<Bound<'
 type Tracked<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<u8>>);
 
 fn tracked(py: Python<'_>, Estimates { q, std, status }: Estimates) -> PyResult<Tracked<'_>> {
-    let status: Vec<u8> = status.into_iter().map(|s| s as u8).collect();
+    let status: Vec<u8> = status.iter().map(|s| *s as u8).collect();
     Ok((rows(py, q)?, std.into_pyarray(py), status.into_pyarray(py)))
 }
 

@@ -412,7 +412,7 @@ pub mod registers {
         fn apart(xyz: [Self; 3]) -> [Self; 3] {
             // SAFETY: as above.
             unsafe { apart512(xyz) }
-        }
+        },
         #[inline(always)]
         fn difference(from: &[f64; EIGHT], less: &[f64; EIGHT]) -> Self {
             Self::load(from) - Self::load(less)

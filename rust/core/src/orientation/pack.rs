@@ -22,16 +22,15 @@ use super::{
     filter::{Filter, alarm, spread},
     lane::{Lane, Real},
     method::{Method, Tuning, mean},
-    ring::{LENGTH, WIDEST, five_points, is_even},
+    ring::{WIDEST, five_points, is_even},
     run::UNSOUND,
     state::{Moment, State, at_joint_center},
 };
 
 /// Numbers of a channel that are read at a time: samples times recordings.
 const READ: usize = 256;
-/// Groups of eight instants that are worked out at a time: of one recording, and of eight.
+/// Groups of eight instants that are worked out at a time.
 const GROUPS: usize = 2 * EIGHT;
-const ROWS: usize = EIGHT;
 
 /// Runs `S` recordings (fewer repeat the last one) side by side for `steps` samples, or until one must go on alone: at once on
 /// x86-64 without AVX2, which is not worth code of its own.
@@ -92,19 +91,18 @@ fn together_in<T: Real, M: Method, V: Eight<T>, const S: usize>(
         let wanted = (READ / S).min(steps - done);
         let length = rows.read::<M, V>(lanes, done, wanted);
         stop = length < wanted;
-        let most = if S == 1 { GROUPS * EIGHT } else { ROWS };
-        for first in (0..length).step_by(most) {
-            let count = (length - first).min(most);
-            constants.look(&rows, first, &mut moments[..(count * S).div_ceil(EIGHT)]);
+        for first in (0..length).step_by(GROUPS * EIGHT / S) {
+            let count = (length - first).min(GROUPS * EIGHT / S);
             // Two times the same, number by number and lane by lane.
             let alarmed = if S == 1 {
+                constants.look_at_all(&rows, first, &mut moments[..count.div_ceil(EIGHT)]);
                 let Results { q: InLine(q), variance: InLine(variance) } = results;
                 method.follow::<T, V>(&tuning, &mut one, moments, pace, &mut q[..count], &mut variance[..count])
             } else {
                 let mut alarmed = None;
                 smooth = V::splat(1.0);
-                for (row, moment) in moments[..count].iter().enumerate() {
-                    let (moment, before) = (moment.each(|x| V::load(x)).at_pace([constants.dt, constants.per_dt]), eight.q);
+                for row in 0..count {
+                    let (moment, before) = (constants.look(&rows, first, row), eight.q);
                     method.step(&constants.tuning, &mut eight, &moment, true);
                     smooth = smooth.at_most(goes_on(before, eight.q));
                     results.put_eight(row, &eight.q, method.variance(&eight));
@@ -208,22 +206,30 @@ impl<V> Constants<V> {
 
     /// Works out groups of eight instants from row `first` on.
     #[inline(always)]
-    fn look<T: Real, const S: usize>(&self, rows: &Rows<'_, T, S>, first: usize, moments: &mut [Moment<[T; EIGHT]>])
+    fn look_at_all<T: Real, const S: usize>(&self, rows: &Rows<'_, T, S>, first: usize, moments: &mut [Moment<[T; EIGHT]>])
     where
         V: Eight<T>,
     {
         for (j, moment) in moments.iter_mut().enumerate() {
-            // The sample whose neighbours have come with the row.
-            let at = (rows.before - rows.ahead + first) * S + j * EIGHT;
-            let (turn1, acc1) = self.sensor(rows, at, 0);
-            let (turn2, acc2) = self.sensor(rows, at, 1);
-            let m = Moment::new([self.dt, self.per_dt], [turn1, turn2], [acc1, acc2]);
-            *moment = m.each(|x| {
+            *moment = self.look(rows, first, j).each(|x| {
                 let mut numbers = [T::default(); EIGHT];
                 x.store(&mut numbers);
                 numbers
             });
         }
+    }
+
+    /// Works out group `j` of eight instants from row `first` on.
+    #[inline(always)]
+    fn look<T: Real, const S: usize>(&self, rows: &Rows<'_, T, S>, first: usize, j: usize) -> Moment<V>
+    where
+        V: Eight<T>,
+    {
+        // The sample whose neighbours have come with the row.
+        let at = (rows.before - rows.ahead + first) * S + j * EIGHT;
+        let (turn1, acc1) = self.sensor(rows, at, 0);
+        let (turn2, acc2) = self.sensor(rows, at, 1);
+        Moment::new([self.dt, self.per_dt], [turn1, turn2], [acc1, acc2])
     }
 
     /// Turn, and acceleration of the joint centre.
@@ -423,7 +429,7 @@ fn goes_on<L: Lane>(before: Quat<L>, q: Quat<L>) -> L {
 
 /// Rows and columns of eight by eight numbers change places.
 #[inline(always)]
-fn transposed<T: Real, V: Eight<T>>(from: &[[T; EIGHT]]) -> [V; EIGHT] {
+fn transposed<T: Real, V: Eight<T>>(from: &[[T; EIGHT]; EIGHT]) -> [V; EIGHT] {
     let mut rows = [V::splat(0.0); EIGHT];
     for (row, from) in rows.iter_mut().zip(from) {
         *row = V::load(from);
@@ -462,25 +468,26 @@ impl<T: Real> Results<T> {
             self.turn_over::<V>();
         }
         for (k, lane) in lanes.iter_mut().enumerate() {
-            let at = k * ROWS..k * ROWS + rows;
+            let at = k * GROUPS * EIGHT / S..k * GROUPS * EIGHT / S + rows;
             lane.page.extend(&self.q.0[at.clone()], &self.variance.0[at], smooth);
         }
     }
 
-    /// Eight rows of eight recordings: recording by recording.
+    /// Rows of eight recordings: recording by recording.
     #[inline(always)]
     fn turn_over<V: Eight<T>>(&mut self) {
-        let Some(side_by_side) = self.q.0.first_chunk::<{ ROWS * EIGHT }>() else { return };
-        let side_by_side = InLine(*side_by_side);
-        let (from, to) = (side_by_side.0.as_flattened().as_chunks().0, self.q.0.as_flattened_mut().as_chunks_mut().0);
-        for two in 0..EIGHT / 2 {
-            for (k, q) in transposed::<T, V>(&from[EIGHT * two..]).into_iter().enumerate() {
-                q.store(&mut to[EIGHT / 2 * k + two]);
+        let (q, variance) = (InLine(self.q.0), InLine(self.variance.0));
+        let (from, to) = (q.0.as_flattened().as_chunks().0, self.q.0.as_flattened_mut().as_chunks_mut().0);
+        for (part, from) in from.as_chunks::<EIGHT>().0.iter().enumerate() {
+            for (k, q) in transposed::<T, V>(from).into_iter().enumerate() {
+                q.store(&mut to[GROUPS / 2 * k + part]);
             }
         }
-        let variances = transposed::<T, V>(self.variance.0.as_chunks().0);
-        for (variance, to) in variances.into_iter().zip(self.variance.0.as_chunks_mut().0) {
-            variance.store(to);
+        let (from, to) = (variance.0.as_chunks().0, self.variance.0.as_chunks_mut().0);
+        for (part, from) in from.as_chunks::<EIGHT>().0.iter().enumerate() {
+            for (k, variance) in transposed::<T, V>(from).into_iter().enumerate() {
+                variance.store(&mut to[GROUPS / EIGHT * k + part]);
+            }
         }
     }
 }
@@ -505,7 +512,9 @@ impl<T: Real, M: Method> Passenger<'_, T, M> {
         filter.done += steps as u64;
         filter.tracked_for(steps, filter.step_s);
         *position += steps;
-        for at in position.saturating_sub((LENGTH as usize).min(steps))..*position {
+        // Of the ring only what the next ones can look back on.
+        let reach = 2 * filter.delay_samples() as usize + 2;
+        for at in position.saturating_sub(reach.min(steps))..*position {
             let sample = filter.unbiased(&signals.sample(at));
             filter.ring.put(at as u64, signals.time(at, filter.settings.rate_hz), &sample);
         }

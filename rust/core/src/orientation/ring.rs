@@ -85,9 +85,7 @@ impl<T: Real> Ring<T> {
     /// Replaces the row of a sensor by the straight line between two others.
     pub fn bridge(&mut self, number: u64, before: u64, after: u64, sensor: usize) {
         let share = (self.time(number) - self.time(before)) / (self.time(after) - self.time(before));
-        let at = |number: u64, k: usize| {
-            self.row(number)[6 * sensor + k]
-        };
+        let at = |number: u64, k: usize| self.row(number)[6 * sensor + k];
         let mut row = [T::default(); 6];
         for (k, value) in row.iter_mut().enumerate() {
             *value = at(before, k) + (at(after, k) - at(before, k)) * T::splat(share);

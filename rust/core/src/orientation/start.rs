@@ -128,7 +128,9 @@ impl Start {
     /// squares nothing is left but what the sums have across any vector.
     fn is_surely_above(&self, variance: f64) -> bool {
         let products = Matrix3::from_fn(|r, c| self.products[r][c]);
-        let along = (1..3).map(|k| products.row(k)).fold(products.row(0), |a, b| if b.norm_squared() > a.norm_squared() { b } else { a });
+        let along = (1..3)
+            .map(|k| products.row(k))
+            .fold(products.row(0), |a, b| if b.norm_squared() > a.norm_squared() { b } else { a });
         let across = products.norm_squared() - (products * along.transpose()).norm_squared() / along.norm_squared();
         let needed = NEARLY_ALL * NOISE_DENSITY * (1.0 / variance - 1.0 / NOTHING_KNOWN);
         needed > 0.0 && 2.0 * across < needed * needed
