@@ -5,11 +5,12 @@ use core::ops::Range;
 
 use super::{
     eight::EIGHT,
-    filter::{Filter, Settings, alarm},
+    filter::{Filter, alarm},
     lane::Real,
     method::Method,
     pack::{Room, together},
     run::{Estimates, Page, Signals, finish},
+    settings::Settings,
 };
 
 /// A recording on its way.

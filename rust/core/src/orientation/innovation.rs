@@ -5,10 +5,11 @@ use alloc::vec::Vec;
 use nalgebra::{Matrix3, Vector3};
 
 use super::{
-    filter::{Filter, Settings},
+    filter::Filter,
     lane::Real,
     method::{Method, Tuning},
     run::Signals,
+    settings::Settings,
     state::{Moment, State, expected},
 };
 use crate::Xyz;

@@ -7,11 +7,12 @@
 
 use super::{
     algebra::Quat,
-    complementary::{Ahead, Complementary, Lesson, Seen, Trail},
+    complementary::Complementary,
     eight::{EIGHT, Eight},
     filter::alarm,
     lane::Real,
     method::{Method, Tuning},
+    stages::{Ahead, Lesson, Seen, Trail},
     state::{Moment, State},
 };
 

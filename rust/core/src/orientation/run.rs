@@ -5,9 +5,10 @@ use core::ops::Range;
 
 use super::{
     algebra::{Quat, dot4, exp, inverted, mul, normalize},
-    filter::{Estimate, Filter, Settings, Status},
+    filter::{Estimate, Filter, Status},
     lane::Real,
     method::{Method, mean},
+    settings::Settings,
 };
 use crate::{PairSample, Xyz, condition::BREAK_STEPS, wide::wide};
 
