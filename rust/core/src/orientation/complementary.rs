@@ -85,7 +85,7 @@ impl Method for Complementary {
         s.p = [third, third, zero, zero, zero, zero];
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn step<L: Lane>(&self, t: &Tuning<L>, s: &mut State<L>, m: &Moment<L>, correct: bool) {
         if correct && self.looks_ahead() {
             let drift = self.drift(t, m);

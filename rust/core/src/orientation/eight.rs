@@ -182,11 +182,11 @@ mod tests {
         #[cfg(all(feature = "std", target_arch = "x86_64"))]
         {
             if std::arch::is_x86_feature_detected!("avx2") {
-                lanes_do_what_numbers_do::<f64, registers::Doubles256>();
-                lanes_do_what_numbers_do::<f32, registers::Singles256>();
+                lanes_do_what_numbers_do::<f64, crate::orientation::registers::Doubles256>();
+                lanes_do_what_numbers_do::<f32, crate::orientation::registers::Singles256>();
             }
             if std::arch::is_x86_feature_detected!("avx512f") {
-                lanes_do_what_numbers_do::<f64, registers::Doubles512>();
+                lanes_do_what_numbers_do::<f64, crate::orientation::registers::Doubles512>();
             }
         }
     }

@@ -63,7 +63,7 @@ struct Buffers<T> {
 }
 
 /// See [`Method::follow`]; goes on after alarms, and says whether there was one.
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 pub(super) fn follow<T: Real, V: Eight<T>>(
     method: &Complementary,
     tuning: &Tuning<f64>,

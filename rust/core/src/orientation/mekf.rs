@@ -145,7 +145,7 @@ impl Method for Mekf {
     #[inline(always)]
     fn begin<L: Lane>(&self, _: &mut State<L>) {}
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn step<L: Lane>(&self, t: &Tuning<L>, s: &mut State<L>, m: &Moment<L>, correct: bool) {
         // Time update: the error turns with sensor 2.
         s.q = turned(s.q, m);

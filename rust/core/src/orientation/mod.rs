@@ -15,6 +15,9 @@
 //! | [`innovation`] | what they did not foresee |
 //! | [`batch`], `pack`, `rows`, `results` | one recording, or many side by side |
 //! | [`smoother`] | the most probable orientation over a whole recording |
+//!
+//! What `wide` registers work on has to be inlined into code that was compiled for them. In debug builds, where every step has
+//! a place of its own on the stack, the largest functions are not, lest a thread's stack be too small.
 
 mod algebra;
 pub mod batch;

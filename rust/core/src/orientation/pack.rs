@@ -8,10 +8,11 @@
 //!
 //! A sample moves 96 bytes in and 41 out. In one recording the chain from one orientation to the next sets the floor, in cycles
 //! of latency (addition 2, multiplication 3, division 13, root 20, as on Zen 5): for the complementary filter two quaternion
-//! products 14, `Rᵀa1` 12, gradient with heading gain 22, its length 5, root beside division 26, step 10: about 90, 24 ns at
-//! 3.85 GHz, and a sixth of that for what is done side by side. The Kalman filter's, through both 2×2 inverses, has about 150.
-//! Both take about twice as long, since the core looks ahead no farther than one sample's instructions. Eight
-//! recordings are bound by instructions, not latency; `benches/orientation.py` measures.
+//! products 14, `Rᵀa1` 12, squares of the gradient with heading gain 18, root beside division 29, step 5: about 80, 21 ns at
+//! 3.75 GHz. `interleaved` takes about 32 ns with all that goes on beside the chain, which counts too, for numbers one by one fill
+//! the multipliers; reading, looking, handing over and the start take another 16. The Kalman filter's chain, through both 2×2
+//! inverses, has about 150 cycles, and it takes twice as long, since the core looks ahead no farther than one sample's
+//! instructions. Eight recordings are bound by instructions, not latency; `benches/orientation.py` measures.
 
 use alloc::boxed::Box;
 
@@ -23,7 +24,7 @@ use super::{
     lane::Real,
     method::{Method, Tuning, mean},
     results::{Results, goes_on},
-    ring::five_points,
+    ring::{LENGTH, five_points},
     rows::{InLine, LONGEST, READ, Rows, sitting},
     state::{Moment, State, at_joint_center},
 };
@@ -77,7 +78,7 @@ fn together_in<T: Real, M: Method, V: Eight<T>, const S: usize>(
     // One of these is used.
     let mut one = lanes[0].filter.state;
     let mut eight = State::<V>::new([0.0; 4], [0.0; 6], [0.0; 3], 0.0);
-    if S > 1 {
+    if const { S > 1 } {
         gather(lanes, &mut eight);
     }
     let Room { channels, moments: InLine(moments), results } = room;
@@ -93,7 +94,7 @@ fn together_in<T: Real, M: Method, V: Eight<T>, const S: usize>(
         for first in (0..length).step_by(GROUPS * EIGHT / S) {
             let count = (length - first).min(GROUPS * EIGHT / S);
             // Two times the same, number by number and lane by lane.
-            let alarmed = if S == 1 {
+            let alarmed = if const { S == 1 } {
                 constants.look_at_all(&rows, first, &mut moments[..count.div_ceil(EIGHT)]);
                 let Results { q: InLine(q), variance: InLine(variance) } = results;
                 method.follow::<T, V>(&tuning, &mut one, moments, pace, &mut q[..count], &mut variance[..count])
@@ -124,7 +125,7 @@ fn together_in<T: Real, M: Method, V: Eight<T>, const S: usize>(
             rows.shift(length);
         }
     }
-    if S == 1 {
+    if const { S == 1 } {
         lanes[0].filter.state = one;
     } else {
         scatter(lanes, &mut eight);
@@ -207,7 +208,7 @@ impl<V> Constants<V> {
     }
 
     /// Works out group `j` of eight instants from row `first` on.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn look<T: Real, const S: usize>(&self, rows: &Rows<'_, T, S>, first: usize, j: usize) -> Moment<V>
     where
         V: Eight<T>,
@@ -261,9 +262,7 @@ impl<T: Real, M: Method> Passenger<'_, T, M> {
         filter.done += steps as u64;
         filter.tracked_for(steps, filter.step_s);
         *position += steps;
-        // Of the ring only what the next ones can look back on.
-        let reach = 2 * filter.delay_samples() as usize + 2;
-        for at in position.saturating_sub(reach.min(steps))..*position {
+        for at in position.saturating_sub((LENGTH as usize).min(steps))..*position {
             let sample = filter.unbiased(&signals.sample(at));
             filter.ring.put(at as u64, signals.time(at, filter.settings.rate_hz), &sample);
         }

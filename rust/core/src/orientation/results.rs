@@ -58,7 +58,7 @@ impl<T: Real> Results<T> {
         for group in self.variance.0.as_chunks_mut().0.iter_mut().take((rows * S).div_ceil(EIGHT)) {
             spread(V::load(group)).store(group);
         }
-        if S > 1 {
+        if const { S > 1 } {
             self.turn_over::<V>();
         }
         for (k, lane) in lanes.iter_mut().enumerate() {

@@ -38,7 +38,7 @@ pub(super) struct Rows<'r, T, const S: usize> {
 impl<'r, T: Real, const S: usize> Rows<'r, T, S> {
     pub fn new<M: Method>(channels: &'r mut [InLine<[T; LONGEST]>; 12], lanes: &[Passenger<'_, T, M>]) -> Self {
         let ahead = lanes[0].filter.delay_samples() as usize;
-        let before = if S == 1 { (2 * ahead).next_multiple_of(EIGHT) } else { 2 * ahead };
+        let before = if const { S == 1 } { (2 * ahead).next_multiple_of(EIGHT) } else { 2 * ahead };
         let mut biases = [[[0.0; 3 * EIGHT]; EIGHT]; 4];
         for k in 0..S {
             let bias = sitting(lanes, k).filter.bias();
@@ -67,7 +67,7 @@ impl<'r, T: Real, const S: usize> Rows<'r, T, S> {
         // over goes one by one.
         let whole = count - count % EIGHT;
         for (s, channels) in self.channels.as_chunks_mut::<3>().0.iter_mut().enumerate() {
-            if S == 1 {
+            if const { S == 1 } {
                 let lane = &lanes[0];
                 let at = lane.position + done;
                 let samples = lane.signals.xyz[s][at..at + whole].as_chunks::<EIGHT>().0;
@@ -124,7 +124,7 @@ impl<'r, T: Real, const S: usize> Rows<'r, T, S> {
 
     /// Reads so many new samples of each recording, `done` samples after their positions; gives how many of them may be worked
     /// in.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn read<M: Method, V: Eight<T>>(&mut self, lanes: &[Passenger<'_, T, M>], done: usize, count: usize) -> usize {
         self.put::<M, V>(lanes, done, count);
         let even = lanes.iter().map(|lane| lane.even_for(done, count)).min().unwrap_or(0);

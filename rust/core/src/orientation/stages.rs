@@ -229,14 +229,14 @@ impl Complementary {
     }
 
     /// All of a sample that needs no orientation.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn ahead<L: Lane>(&self, t: &Tuning<L>, m: &Moment<L>, [spread, _]: [L; 2], trail: &Trail<L>) -> Ahead<L> {
         let up = Up::of(trail.up, m);
         self.prepared(m, [spread, self.speed2(t, m, trail.diffusion, trail.boost)], up, self.heading_excess(&up))
     }
 
     /// The orientation after the sample, from that before: what the next one waits for.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn corrected<L: Lane>(&self, q: Quat<L>, m: &Moment<L>, ahead: &Ahead<L>) -> (Quat<L>, Seen<L>) {
         let q = turned(q, m);
         let seen = expected(q, m);
@@ -245,7 +245,7 @@ impl Complementary {
     }
 
     /// What it teaches.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn lesson<L: Lane>(&self, m: &Moment<L>, ahead: &Ahead<L>, now: &Seen<L>) -> Lesson<L> {
         let (Ahead { spread, up, excess, .. }, Seen { seen, step }) = (*ahead, *now);
         let error = sub(seen, m.acc2);
