@@ -308,7 +308,7 @@ fn rows<const N: usize>(py: Python<'_>, rows: Vec<[f64; N]>) -> PyResult<Bound<'
 type Tracked<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<u8>>);
 
 fn tracked(py: Python<'_>, Estimates { q, std, status }: Estimates) -> PyResult<Tracked<'_>> {
-    let status: Vec<u8> = status.into_iter().map(|s| s as u8).collect();
+    let status: Vec<u8> = status.iter().map(|s| *s as u8).collect();
     Ok((rows(py, q)?, std.into_pyarray(py), status.into_pyarray(py)))
 }
 
@@ -387,13 +387,11 @@ pub fn filter_innovations<'py>(
 
 /// What a filter would pass over in silence is an error here.
 fn check(signals: &Signals<'_>) -> PyResult<()> {
-    for (name, rows) in ["gyr1", "acc1", "gyr2", "acc2"].iter().zip(signals.xyz) {
-        if !rows.as_flattened().iter().fold(true, |sound, x| sound & (x.abs() < 1e9)) {
-            return Err(PyValueError::new_err(format!("{name} holds values that are not finite or absurdly large")));
-        }
+    let (below, rises) = signals.are_below(1e9);
+    if let Some((name, _)) = ["gyr1", "acc1", "gyr2", "acc2"].iter().zip(below).find(|(_, below)| !below) {
+        return Err(PyValueError::new_err(format!("{name} holds values that are not finite or absurdly large")));
     }
-    let rising = |t: &[f64]| t.iter().all(|t| t.is_finite()) && t.is_sorted_by(|a, b| a < b);
-    if signals.time_s.is_some_and(|t| !rising(t)) {
+    if !rises {
         return Err(PyValueError::new_err("time_s must be finite and increase"));
     }
     Ok(())

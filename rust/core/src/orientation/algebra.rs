@@ -45,6 +45,17 @@ pub fn mul<L: Lane>(a: Quat<L>, b: Quat<L>) -> Quat<L> {
     ]
 }
 
+/// Hamilton product with a vector, `q ⊙ (0, v)`.
+#[inline(always)]
+pub fn mul_vector<L: Lane>(q: Quat<L>, v: Vec3<L>) -> Quat<L> {
+    [
+        -(q[1] * v[0] + q[2] * v[1] + q[3] * v[2]),
+        q[0] * v[0] + (q[2] * v[2] - q[3] * v[1]),
+        q[0] * v[1] + (q[3] * v[0] - q[1] * v[2]),
+        q[0] * v[2] + (q[1] * v[1] - q[2] * v[0]),
+    ]
+}
+
 /// `R(q)ᵀ v`.
 #[inline(always)]
 pub fn rotate_back<L: Lane>(q: Quat<L>, v: Vec3<L>) -> Vec3<L> {
@@ -85,6 +96,11 @@ pub fn inverted<L: Lane>([w, x, y, z]: Quat<L>) -> Quat<L> {
 pub fn first_order<L: Lane>(v: Vec3<L>) -> Quat<L> {
     let half = L::splat(0.5);
     [L::splat(1.0), v[0] * half, v[1] * half, v[2] * half]
+}
+
+#[inline(always)]
+pub fn dot4<L: Lane>(a: Quat<L>, b: Quat<L>) -> L {
+    (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3])
 }
 
 #[inline(always)]

@@ -5,11 +5,12 @@ use core::ops::Range;
 
 use super::{
     eight::EIGHT,
-    filter::{Filter, Settings, alarm},
+    filter::{Filter, alarm},
     lane::Real,
     method::Method,
     pack::{Room, together},
     run::{Estimates, Page, Signals, finish},
+    settings::Settings,
 };
 
 /// A recording on its way.
@@ -43,7 +44,7 @@ impl<'a, T: Real, M: Method> Passenger<'a, T, M> {
         false
     }
 
-    /// Whether nothing is going on: even time, no start, all neighbours there as they came.
+    /// Whether nothing is going on: even time, no start, all neighbours there.
     fn may_join(&self) -> bool {
         let f = &self.filter;
         let reach = f.delay_samples();
@@ -51,8 +52,8 @@ impl<'a, T: Real, M: Method> Passenger<'a, T, M> {
             && f.count == self.position as u64
             && f.done + reach == f.count
             && f.done >= f.stretch.max(f.even).max(f.unrepaired) + reach
-            && f.mended_before(f.done.saturating_sub(reach))
-            && !alarm(&f.state)
+            && f.lost == [0; 2]
+            && !alarm(f.state.watch, f.state.q[0])
     }
 
     /// Whether both can sit side by side.

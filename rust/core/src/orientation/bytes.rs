@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 
 use super::{filter::Filter, lane::Real, method::Method};
 
-const VERSION: [u8; 8] = *b"imufQ12\x03";
+const VERSION: [u8; 8] = *b"imufQ12\x04";
 
 impl<T: Real, M: Method> Filter<T, M> {
     /// Everything it knows, as bytes: a version, a checksum, the state.

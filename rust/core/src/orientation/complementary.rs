@@ -7,13 +7,13 @@
 use serde::{Deserialize, Serialize};
 
 use super::{
-    algebra::{
-        Quat, Sym3, Vec3, add, add_diagonal, cross, dot, first_order, inverted, mul, nearly_unit, normalize, rotate_back,
-        scale, sub,
-    },
+    algebra::{Quat, Sym3, Vec3, add, add_diagonal, first_order, inverted, mul, nearly_unit, normalize, rotate_back, scale},
+    eight::{EIGHT, Eight},
+    interleaved,
     lane::{Lane, Real},
-    method::{Method, Tuning},
-    state::{Moment, State, Up, share},
+    method::{Method, Tuning, follow_in_turn},
+    stages::{Ahead, Correction, Seen},
+    state::{Moment, State, Up, expected, share, turned},
 };
 
 /// How the complementary filter works.
@@ -58,82 +58,12 @@ impl Default for Complementary {
 
 /// Default of [`Complementary::drift_limit`].
 const DRIFT_LIMIT: f64 = 1.5;
-/// Time constant of the drift that the limit is taken from, s.
-const DIFFUSION_S: f64 = 1.0;
-/// m/s².
-const GRAVITY: f64 = 9.81;
-/// Below this square of a cross product of accelerations, g⁴, there is no direction to correct in.
-const TINY: f64 = 1e-12;
-
-/// A correction: by how fast sensor 2 turns against sensor 1, `√(speed2·plain/((plain + level)·square))·direction` in frame 2,
-/// rad/s.
-struct Correction<L> {
-    /// Along the gradient, g².
-    direction: Vec3<L>,
-    /// Its square, g⁴.
-    square: L,
-    /// Square of the gradient, and that at which the step has 0.7 of its size, g⁴.
-    plain: L,
-    level: L,
-    /// Square of the full speed, (rad/s)².
-    speed2: L,
-}
-
-impl<L: Lane> Correction<L> {
-    /// The same with a gradient whose part about the vertical counts `excess` times more.
-    #[inline(always)]
-    fn about(mut self, up: &Up<L>, excess: L) -> Self {
-        let (upwards, vertical) = (dot(self.direction, up.up), excess * up.per_square);
-        self.direction = add(self.direction, scale(up.up, upwards * vertical));
-        self.square = (self.square + upwards * upwards * (vertical * (excess + L::splat(2.0)))).at_least(L::splat(TINY));
-        self
-    }
-
-    #[inline(always)]
-    fn rate(&self) -> Vec3<L> {
-        scale(self.direction, (self.speed2 * self.plain / ((self.plain + self.level) * self.square)).sqrt())
-    }
-
-    /// Its first-order step (eq. 5b), `(1, rate·dt/2)`, brought to length one: one division, and two roots beside it. And the step
-    /// by itself, in directions.
-    #[inline(always)]
-    fn step(&self, dt: L) -> (Quat<L>, L) {
-        let over = self.speed2 * (dt * dt * L::splat(0.25)) * self.plain;
-        let under = self.plain + self.level;
-        let whole = under + over;
-        let both = self.square * whole;
-        let per_both = L::splat(1.0) / both;
-        let half = (over * both).sqrt() * per_both;
-        let [x, y, z] = scale(self.direction, half);
-        ([(under * whole).sqrt() * (self.square * per_both), x, y, z], (half + half) * L::splat(1.0 / (GRAVITY * GRAVITY)))
-    }
-}
 
 impl Complementary {
-    /// How many times more the gradient's part about the vertical counts; where accelerations have no common direction, not at
-    /// all.
+    /// Whether all but the correction can be worked out without the orientation.
     #[inline(always)]
-    fn heading_excess<L: Lane>(&self, up: &Up<L>) -> L {
-        (up.square * L::splat(1.0 / (GRAVITY * GRAVITY))).at_most(L::splat(1.0)) * L::splat(self.heading_gain - 1.0)
-    }
-
-    /// Eqs 12 and 13: along the gradient, as fast as β says, and no faster than the drift asks for.
-    #[inline(always)]
-    fn correction<L: Lane>(&self, t: &Tuning<L>, s: &State<L>, m: &Moment<L>, seen: Vec3<L>) -> Correction<L> {
-        // −Rᵀu: turning sensor 2 this way brings its acceleration onto that of sensor 1.
-        let direction = cross(scale(m.acc2, L::splat(1.0 / (GRAVITY * GRAVITY))), seen);
-        let plain = dot(direction, direction).at_least(L::splat(TINY));
-        let soft = self.soft_angle / (GRAVITY * GRAVITY);
-        let level = m.level[0] * m.level[1] * L::splat(soft * soft);
-        // Each sensor takes β/√2 (eq. 12); together they turn by √2·β.
-        let beta = L::splat(self.beta);
-        let mut speed2 = beta * beta * L::splat(2.0);
-        if self.drift_limit > 0.0 {
-            let bias_var = t.bias_var * L::splat(self.drift_limit * self.drift_limit);
-            speed2 = speed2.at_most((s.diffusion * m.per_dt + bias_var) * L::splat(3.0));
-        }
-        speed2 = speed2 + s.boost * (beta + beta + s.boost) * L::splat(2.0);
-        Correction { direction, square: plain, plain, level, speed2 }
+    fn looks_ahead(&self) -> bool {
+        !self.literal && self.bias_gain == 0.0
     }
 
     /// Both halves of eq. 8 in their frames: what is taken from ω1 and from ω2.
@@ -155,70 +85,79 @@ impl Method for Complementary {
         s.p = [third, third, zero, zero, zero, zero];
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn step<L: Lane>(&self, t: &Tuning<L>, s: &mut State<L>, m: &Moment<L>, correct: bool) {
+        if correct && self.looks_ahead() {
+            let drift = self.drift(t, m);
+            let trail = self.trail(s, m, drift[1]);
+            let ahead = self.ahead(t, m, drift, &trail);
+            let (q, seen) = self.corrected(s.q, m, &ahead);
+            s.q = q;
+            self.learn(t, s, m, &ahead, &seen);
+            return;
+        }
         let mut m = *m;
         if self.bias_gain > 0.0 {
             let turns = [add(m.turn1, scale(s.gyr_bias[0], -m.dt)), add(m.turn2, scale(s.gyr_bias[1], -m.dt))];
             m = Moment::new([m.dt, m.per_dt], turns, [m.acc1, m.acc2]);
         }
-        let spread = t.process(L::splat(1.0), &m);
-        // White noise is known, and counts as in eq. 12; of what grows with motion the limit allows for more.
-        let allowed = t.process(L::splat(self.drift_limit), &m);
-        s.diffusion = s.diffusion + (allowed * m.per_dt - s.diffusion) * share(m.dt, DIFFUSION_S);
-        s.p[0] = s.p[0] + spread;
-        s.p[1] = s.p[1] + spread;
+        let [spread, allowed] = self.drift(t, &m);
+        s.follow_drift(&m, allowed);
+        let drifts = [spread, self.speed2(t, &m, s.diffusion, s.boost)];
         let mut step = L::splat(0.0);
         if self.literal {
-            step = self.literal_step(t, s, &m, correct);
+            // Of the gradient as it is, no part counts more.
+            let ahead = self.prepared(&m, drifts, Up::nowhere(), step);
+            step = self.literal_step(&ahead, s, &m, correct);
         } else {
-            s.turn(&m);
+            s.q = turned(s.q, &m);
+            s.turn_up(m.turn2);
             if self.bias_gain > 0.0 {
                 // Such a bias may be anything.
                 s.q = normalize(s.q);
             }
         }
-        let leans = s.leaning.wait(&m);
         if !correct {
+            s.p[0] = s.p[0] + spread;
+            s.p[1] = s.p[1] + spread;
+            s.leaning.wait(&m);
             s.q = normalize(s.q);
             return;
         }
-        let seen = s.expected(&m);
-        let error = sub(seen, m.acc2);
-        let error2 = dot(error, error);
-        let up = s.look_up(&m);
-        let mut excess = L::splat(0.0);
+        let seen = expected(s.q, &m);
+        s.follow_up(&m);
+        let up = Up::of(s.up, &m);
+        let excess = if self.literal { L::splat(0.0) } else { self.heading_excess(&up) };
+        let ahead = self.prepared(&m, drifts, up, excess);
         if !self.literal {
-            excess = self.heading_excess(&up);
-            let correction = self.correction(t, s, &m, seen).about(&up, excess);
+            let correction = Correction::toward(seen, &ahead);
             if self.bias_gain > 0.0 {
                 self.feed_back(s, correction.rate(), m.dt);
             }
-            let turned;
-            (turned, step) = correction.step(m.dt);
-            s.q = mul(nearly_unit(s.q), turned);
+            (s.q, step) = correction.step(nearly_unit(s.q), m.dt);
             s.boost = s.boost - s.boost * share(m.dt, self.settle_s);
         }
-        s.observe(&m, &up, seen, error2);
-        // Tilt is seen by the whole acceleration, heading by its horizontal part; of the error η a correction takes `KHη`, with
-        // `KH = step (I + (gain − 1) up alongᵀ)(a² I − a aᵀ)`, and it brings in noise: `(I − KH)P(I − KH)ᵀ + KRKᵀ`.
-        let one = L::splat(1.0);
-        let [tilt, heading] = [s.p[0], s.p[1]];
-        let level = m.level[1];
-        s.follow_link(&m, error, error2, tilt * level * L::splat(2.0 / 3.0));
-        let turn = step * (one + excess);
-        let (left, left_heading) = (one - (step * level).at_most(one), one - (turn * up.flat).at_most(one));
-        s.p[0] = tilt * (left * left) + step * step * (level * s.link_slow_var);
-        s.p[1] = heading * (left_heading * left_heading) + turn * turn * (up.flat * s.link_slow_var);
-        if leans {
-            let a = m.acc2;
-            let seen_along = scale(sub(scale(up.up, level), scale(a, dot(a, up.up))), excess * up.per_square);
-            let pull = [0, 1, 2].map(|r| {
-                let row = sub(scale(seen_along, up.up[r]), scale(a, a[r]));
-                scale([0, 1, 2].map(|c| if c == r { row[c] + level } else { row[c] }), step)
-            });
-            s.leaning.update(m.per_dt, &pull, t.bias_var);
+        self.learn(t, s, &m, &ahead, &Seen { seen, step });
+    }
+
+    #[inline(always)]
+    fn follow<T: Real, V: Eight<T>>(
+        &self,
+        tuning: &Tuning<f64>,
+        state: &mut State<T>,
+        moments: &[Moment<[T; EIGHT]>],
+        pace: [f64; 2],
+        q: &mut [Quat<T>],
+        variance: &mut [T],
+    ) -> Option<usize> {
+        let before = *state;
+        if self.looks_ahead() {
+            if !interleaved::follow::<T, V>(self, tuning, state, moments, pace, q, variance) {
+                return None;
+            }
+            *state = before;
         }
+        follow_in_turn(self, tuning, state, moments, pace, q, variance)
     }
 
     #[inline(always)]
@@ -244,19 +183,18 @@ impl Complementary {
     /// Steps 1–4 of Algorithm 1 as printed: the gradient pairs this acceleration with the previous orientation, and eq. 5b adds
     /// corrected rates to first order.
     #[inline(always)]
-    fn literal_step<L: Lane>(&self, t: &Tuning<L>, s: &mut State<L>, m: &Moment<L>, correct: bool) -> L {
+    fn literal_step<L: Lane>(&self, ahead: &Ahead<L>, s: &mut State<L>, m: &Moment<L>, correct: bool) -> L {
         let (mut turn1, mut turn2) = (m.turn1, m.turn2);
         let mut step = L::splat(0.0);
         if correct {
-            let seen = s.expected(m);
-            let correction = self.correction(t, s, m, seen);
-            step = correction.step(m.dt).1;
+            let correction = Correction::toward(expected(s.q, m), ahead);
+            step = correction.step(s.q, m.dt).1;
             let [half1, half2] = Self::halves(s.q, correction.rate());
             turn1 = add(turn1, scale(half1, -m.dt));
             turn2 = add(turn2, scale(half2, -m.dt));
         }
         s.q = normalize(mul(mul(inverted(first_order(turn1)), s.q), first_order(turn2)));
-        s.up = add(s.up, cross(s.up, turn2));
+        s.turn_up(turn2);
         step
     }
 

@@ -15,6 +15,20 @@ pub trait Eight<T: Real>: Lane {
     fn store(self, to: &mut [T; EIGHT]);
     /// Number `j` of row `k` becomes number `k` of row `j`.
     fn transposed(rows: [Self; EIGHT]) -> [Self; EIGHT];
+    /// Eight times x, y, z one after the other become all x, all y, all z.
+    #[inline(always)]
+    fn apart(xyz: [Self; 3]) -> [Self; 3] {
+        let (mut mixed, mut numbers) = ([[T::default(); EIGHT]; 3], [[T::default(); EIGHT]; 3]);
+        for (to, from) in mixed.iter_mut().zip(xyz) {
+            from.store(to);
+        }
+        for (k, one) in mixed.as_flattened().as_chunks::<3>().0.iter().enumerate() {
+            for (to, x) in numbers.iter_mut().zip(one) {
+                to[k] = *x;
+            }
+        }
+        [Self::load(&numbers[0]), Self::load(&numbers[1]), Self::load(&numbers[2])]
+    }
     /// `from − less` of doubles, which may become shorter numbers.
     #[inline(always)]
     fn difference(from: &[f64; EIGHT], less: &[f64; EIGHT]) -> Self {
@@ -106,299 +120,6 @@ impl<T: Real> Eight<T> for Array<T> {
     }
 }
 
-/// Eight numbers in the registers of x86-64. Only code that runs after the processor was asked for their width may use them.
-#[cfg(all(feature = "std", target_arch = "x86_64"))]
-pub mod registers {
-    use core::arch::x86_64::*;
-
-    use super::*;
-
-    /// In one register of AVX-512.
-    #[derive(Clone, Copy, Debug)]
-    pub struct Doubles512([__m512d; 1]);
-    /// In two registers of AVX.
-    #[derive(Clone, Copy, Debug)]
-    pub struct Doubles256([__m256d; 2]);
-    /// In one register of AVX.
-    #[derive(Clone, Copy, Debug)]
-    pub struct Singles256([__m256; 1]);
-
-    /// Where `x > limit`, `yes`.
-    #[target_feature(enable = "avx512f")]
-    #[inline]
-    fn choose512(x: __m512d, limit: __m512d, yes: __m512d, no: __m512d) -> __m512d {
-        _mm512_mask_blend_pd(_mm512_cmp_pd_mask::<_CMP_GT_OQ>(x, limit), no, yes)
-    }
-
-    #[target_feature(enable = "avx512f")]
-    #[inline]
-    fn above512(x: __m512d, limit: __m512d) -> bool {
-        _mm512_cmp_pd_mask::<_CMP_GT_OQ>(x, limit) != 0
-    }
-
-    #[target_feature(enable = "avx")]
-    #[inline]
-    fn choose256(x: __m256d, limit: __m256d, yes: __m256d, no: __m256d) -> __m256d {
-        _mm256_blendv_pd(no, yes, _mm256_cmp_pd::<_CMP_GT_OQ>(x, limit))
-    }
-
-    #[target_feature(enable = "avx")]
-    #[inline]
-    fn above256(x: __m256d, limit: __m256d) -> bool {
-        _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_GT_OQ>(x, limit)) != 0
-    }
-
-    #[target_feature(enable = "avx")]
-    #[inline]
-    fn choose256_singles(x: __m256, limit: __m256, yes: __m256, no: __m256) -> __m256 {
-        _mm256_blendv_ps(no, yes, _mm256_cmp_ps::<_CMP_GT_OQ>(x, limit))
-    }
-
-    #[target_feature(enable = "avx")]
-    #[inline]
-    fn above256_singles(x: __m256, limit: __m256) -> bool {
-        _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(x, limit)) != 0
-    }
-
-    /// 8×8: pairs of numbers, then pairs of pairs, then halves change places.
-    #[target_feature(enable = "avx512f")]
-    #[inline]
-    fn transposed512(rows: [Doubles512; EIGHT]) -> [Doubles512; EIGHT] {
-        let mut columns = rows;
-        for odd in 0..2 {
-            let mut pairs = [rows[0].0[0]; 4];
-            for (k, pair) in pairs.iter_mut().enumerate() {
-                let (a, b) = (rows[2 * k].0[0], rows[2 * k + 1].0[0]);
-                *pair = if odd == 0 { _mm512_unpacklo_pd(a, b) } else { _mm512_unpackhi_pd(a, b) };
-            }
-            let [ab, cd, ef, gh] = pairs;
-            let (near, far) = (_mm512_shuffle_f64x2::<0x88>(ab, cd), _mm512_shuffle_f64x2::<0x88>(ef, gh));
-            columns[odd].0 = [_mm512_shuffle_f64x2::<0x88>(near, far)];
-            columns[odd + 4].0 = [_mm512_shuffle_f64x2::<0xdd>(near, far)];
-            let (near, far) = (_mm512_shuffle_f64x2::<0xdd>(ab, cd), _mm512_shuffle_f64x2::<0xdd>(ef, gh));
-            columns[odd + 2].0 = [_mm512_shuffle_f64x2::<0x88>(near, far)];
-            columns[odd + 6].0 = [_mm512_shuffle_f64x2::<0xdd>(near, far)];
-        }
-        columns
-    }
-
-    /// 8×8 in four 4×4 blocks.
-    #[target_feature(enable = "avx")]
-    #[inline]
-    fn transposed256(rows: [Doubles256; EIGHT]) -> [Doubles256; EIGHT] {
-        let mut columns = rows;
-        for down in 0..2 {
-            for across in 0..2 {
-                let [a, b, c, d] = [
-                    rows[4 * down].0[across],
-                    rows[4 * down + 1].0[across],
-                    rows[4 * down + 2].0[across],
-                    rows[4 * down + 3].0[across],
-                ];
-                let (ab, cd) = (_mm256_unpacklo_pd(a, b), _mm256_unpacklo_pd(c, d));
-                columns[4 * across].0[down] = _mm256_permute2f128_pd::<0x20>(ab, cd);
-                columns[4 * across + 2].0[down] = _mm256_permute2f128_pd::<0x31>(ab, cd);
-                let (ab, cd) = (_mm256_unpackhi_pd(a, b), _mm256_unpackhi_pd(c, d));
-                columns[4 * across + 1].0[down] = _mm256_permute2f128_pd::<0x20>(ab, cd);
-                columns[4 * across + 3].0[down] = _mm256_permute2f128_pd::<0x31>(ab, cd);
-            }
-        }
-        columns
-    }
-
-    /// 8×8 through memory.
-    #[target_feature(enable = "avx")]
-    #[inline]
-    fn transposed256_singles(rows: [Singles256; EIGHT]) -> [Singles256; EIGHT] {
-        let mut numbers = [Array([0.0; EIGHT]); EIGHT];
-        for (numbers, row) in numbers.iter_mut().zip(rows) {
-            row.store(&mut numbers.0);
-        }
-        let mut columns = rows;
-        for (column, numbers) in columns.iter_mut().zip(Array::transposed(numbers)) {
-            *column = Singles256::load(&numbers.0);
-        }
-        columns
-    }
-
-    macro_rules! operator {
-        ($type:ident, $name:ident, $call:ident, $instruction:ident) => {
-            impl $name for $type {
-                type Output = Self;
-                #[inline(always)]
-                fn $call(mut self, other: Self) -> Self {
-                    for (a, b) in self.0.iter_mut().zip(other.0) {
-                        // SAFETY: the processor has the registers, else there would be no such value.
-                        *a = unsafe { $instruction(*a, b) };
-                    }
-                    self
-                }
-            }
-        };
-    }
-    macro_rules! registers {
-        ($type:ident, $real:ty, $add:ident, $sub:ident, $mul:ident, $div:ident, $set:ident, $sqrt:ident, $max:ident,
-         $min:ident, $choose:ident, $above:ident) => {
-            operator!($type, Add, add, $add);
-            operator!($type, Sub, sub, $sub);
-            operator!($type, Mul, mul, $mul);
-            operator!($type, Div, div, $div);
-
-            impl Neg for $type {
-                type Output = Self;
-                #[inline(always)]
-                fn neg(self) -> Self {
-                    Self::splat(-0.0) - self
-                }
-            }
-
-            impl Lane for $type {
-                #[inline(always)]
-                fn splat(value: f64) -> Self {
-                    // SAFETY: only code that was compiled for these registers and runs on such a processor makes values.
-                    Self([unsafe { $set(value as $real) }; _])
-                }
-                #[inline(always)]
-                fn sqrt(mut self) -> Self {
-                    for a in &mut self.0 {
-                        // SAFETY: as above.
-                        *a = unsafe { $sqrt(*a) };
-                    }
-                    self
-                }
-                #[inline(always)]
-                fn where_above(self, limit: Self, yes: Self, mut no: Self) -> Self {
-                    for k in 0..no.0.len() {
-                        // SAFETY: as above.
-                        no.0[k] = unsafe { $choose(self.0[k], limit.0[k], yes.0[k], no.0[k]) };
-                    }
-                    no
-                }
-                #[inline(always)]
-                fn at_least(mut self, other: Self) -> Self {
-                    for (a, b) in self.0.iter_mut().zip(other.0) {
-                        // SAFETY: as above. The second where one is no number, as for one number.
-                        *a = unsafe { $max(*a, b) };
-                    }
-                    self
-                }
-                #[inline(always)]
-                fn at_most(mut self, other: Self) -> Self {
-                    for (a, b) in self.0.iter_mut().zip(other.0) {
-                        // SAFETY: as above.
-                        *a = unsafe { $min(b, *a) };
-                    }
-                    self
-                }
-                #[inline(always)]
-                fn any_above(self, limit: Self) -> bool {
-                    let mut any = false;
-                    for k in 0..self.0.len() {
-                        // SAFETY: as above.
-                        any |= unsafe { $above(self.0[k], limit.0[k]) };
-                    }
-                    any
-                }
-            }
-        };
-    }
-    macro_rules! eight {
-        ($type:ident, $real:ty, $width:literal, $load:ident, $store:ident, $transposed:ident, $($more:tt)*) => {
-            impl Eight<$real> for $type {
-                #[inline(always)]
-                fn load(from: &[$real; EIGHT]) -> Self {
-                    let mut all = Self::splat(0.0);
-                    for (a, from) in all.0.iter_mut().zip(from.as_chunks::<$width>().0) {
-                        // SAFETY: as above; a whole register's width is read, of any alignment.
-                        *a = unsafe { $load(from.as_ptr()) };
-                    }
-                    all
-                }
-                #[inline(always)]
-                fn store(self, to: &mut [$real; EIGHT]) {
-                    for (a, to) in self.0.iter().zip(to.as_chunks_mut::<$width>().0) {
-                        // SAFETY: as above; a whole register's width is written, of any alignment.
-                        unsafe { $store(to.as_mut_ptr(), *a) };
-                    }
-                }
-                #[inline(always)]
-                fn transposed(rows: [Self; EIGHT]) -> [Self; EIGHT] {
-                    // SAFETY: as above.
-                    unsafe { $transposed(rows) }
-                }
-                $($more)*
-            }
-        };
-    }
-    registers!(
-        Doubles512,
-        f64,
-        _mm512_add_pd,
-        _mm512_sub_pd,
-        _mm512_mul_pd,
-        _mm512_div_pd,
-        _mm512_set1_pd,
-        _mm512_sqrt_pd,
-        _mm512_max_pd,
-        _mm512_min_pd,
-        choose512,
-        above512
-    );
-    registers!(
-        Doubles256,
-        f64,
-        _mm256_add_pd,
-        _mm256_sub_pd,
-        _mm256_mul_pd,
-        _mm256_div_pd,
-        _mm256_set1_pd,
-        _mm256_sqrt_pd,
-        _mm256_max_pd,
-        _mm256_min_pd,
-        choose256,
-        above256
-    );
-    registers!(
-        Singles256,
-        f32,
-        _mm256_add_ps,
-        _mm256_sub_ps,
-        _mm256_mul_ps,
-        _mm256_div_ps,
-        _mm256_set1_ps,
-        _mm256_sqrt_ps,
-        _mm256_max_ps,
-        _mm256_min_ps,
-        choose256_singles,
-        above256_singles
-    );
-    eight!(
-        Doubles512,
-        f64,
-        8,
-        _mm512_loadu_pd,
-        _mm512_storeu_pd,
-        transposed512,
-        #[inline(always)]
-        fn difference(from: &[f64; EIGHT], less: &[f64; EIGHT]) -> Self {
-            Self::load(from) - Self::load(less)
-        }
-    );
-    eight!(
-        Doubles256,
-        f64,
-        4,
-        _mm256_loadu_pd,
-        _mm256_storeu_pd,
-        transposed256,
-        #[inline(always)]
-        fn difference(from: &[f64; EIGHT], less: &[f64; EIGHT]) -> Self {
-            Self::load(from) - Self::load(less)
-        }
-    );
-    eight!(Singles256, f32, 8, _mm256_loadu_ps, _mm256_storeu_ps, transposed256_singles,);
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -430,6 +151,14 @@ mod tests {
             for (k, row) in rows.iter_mut().enumerate() {
                 *row = V::load(&core::array::from_fn(|j| T::splat((10 * k + j) as f64)));
             }
+            let apart = V::apart([rows[0], rows[1], rows[2]]);
+            for (c, column) in apart.into_iter().enumerate() {
+                let mut numbers = a;
+                column.store(&mut numbers);
+                // Number n of the 24 is 10·(n / 8) + n mod 8.
+                let n = |k: usize| 3 * k + c;
+                assert_eq!(numbers, core::array::from_fn(|k| T::splat((10 * (n(k) / 8) + n(k) % 8) as f64)));
+            }
             for (j, column) in V::transposed(rows).into_iter().enumerate() {
                 let mut numbers = a;
                 column.store(&mut numbers);
@@ -453,11 +182,11 @@ mod tests {
         #[cfg(all(feature = "std", target_arch = "x86_64"))]
         {
             if std::arch::is_x86_feature_detected!("avx2") {
-                lanes_do_what_numbers_do::<f64, registers::Doubles256>();
-                lanes_do_what_numbers_do::<f32, registers::Singles256>();
+                lanes_do_what_numbers_do::<f64, crate::orientation::registers::Doubles256>();
+                lanes_do_what_numbers_do::<f32, crate::orientation::registers::Singles256>();
             }
             if std::arch::is_x86_feature_detected!("avx512f") {
-                lanes_do_what_numbers_do::<f64, registers::Doubles512>();
+                lanes_do_what_numbers_do::<f64, crate::orientation::registers::Doubles512>();
             }
         }
     }

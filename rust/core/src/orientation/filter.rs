@@ -9,75 +9,11 @@ use super::{
     leaning::Leaning,
     method::{Method, Tuning, mean},
     ring::{LENGTH, Ring, is_even, stencil_step},
+    settings::Settings,
     start::Start,
-    state::{Joint, Moment, Noise, State, at_joint_center},
+    state::{Joint, Moment, State, at_joint_center},
 };
 use crate::{PairSample, Xyz, condition::BREAK_STEPS};
-
-/// What every filter needs to know.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Settings {
-    /// Nominal rate of the samples, Hz.
-    pub rate_hz: f64,
-    /// The joint as calibrated.
-    pub joint: Joint,
-    /// White noise of a sample.
-    pub noise: Noise,
-    /// See [`Tuning::scale_noise`].
-    pub scale_noise: f64,
-    /// Whether the turn between two samples is the mean of their rates; else the later rate holds since the last sample, as
-    /// published.
-    pub midpoint: bool,
-    /// Orientation at the first sample and its standard deviation, rad (root of the trace); None: the closed form finds it.
-    pub given: Option<([f64; 4], f64)>,
-    /// The closed form ends when it knows the orientation to this, rad.
-    pub start_std: f64,
-    /// Its oldest instants fade with this time constant, s.
-    pub start_fade_s: f64,
-    /// After a longer gap the filter starts anew, s.
-    pub max_gap_s: f64,
-    /// Whether it starts anew after such a gap and when it finds that it follows a wrong heading.
-    pub restart: bool,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            rate_hz: 100.0,
-            joint: Joint::default(),
-            noise: Noise::default(),
-            scale_noise: super::method::SCALE_NOISE,
-            midpoint: true,
-            given: None,
-            start_std: 0.035,
-            start_fade_s: 10.0,
-            max_gap_s: 0.5,
-            restart: true,
-        }
-    }
-}
-
-impl Settings {
-    /// Whether these can be worked with.
-    pub fn are_sound(&self) -> bool {
-        let small = |v: &Xyz| v.iter().all(|x| x.abs() < 1e6);
-        let Joint { r1, r2, gyr_bias, acc_bias, relative_bias_std } = &self.joint;
-        let positive = [self.rate_hz, self.start_std, self.start_fade_s];
-        let least_zero = [self.noise.gyr_std, self.noise.acc_std, self.scale_noise, self.max_gap_s, *relative_bias_std];
-        positive.iter().all(|x| *x > 0.0 && *x < 1e9)
-            && least_zero.iter().all(|x| *x >= 0.0 && *x < 1e9)
-            && [r1, r2].into_iter().chain(gyr_bias).chain(acc_bias).all(small)
-            && self.given.is_none_or(|(q, std)| {
-                let size: f64 = q.iter().map(|x| x * x).sum();
-                (0.99..1.01).contains(&size) && std > 0.0 && std < 10.0
-            })
-    }
-
-    fn tuning(&self) -> Tuning<f64> {
-        let stencil_s = stencil_step(self.rate_hz) as f64 / self.rate_hz;
-        Tuning::new(&self.noise, &self.joint, stencil_s, self.scale_noise)
-    }
-}
 
 /// How far an estimate can be trusted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -135,12 +71,11 @@ pub(super) fn spread<L: Lane>(variance: L) -> L {
     variance.at_least(L::splat(0.0)).sqrt().at_most(L::splat(LARGEST_STD))
 }
 
-/// Whether, in some lane, the heading looks wrong or there are no numbers any more.
+/// Whether, in some lane, the heading looks wrong or there are no numbers any more: by [`State::watch`] and a part of `q`.
 #[inline(always)]
-pub(super) fn alarm<L: Lane>(state: &State<L>) -> bool {
-    let [error, power] = state.watch;
+pub(super) fn alarm<L: Lane>([error, power]: [L; 2], q: L) -> bool {
     let wrong = power.where_above(L::splat(WRONG_POWER), error - power * L::splat(WRONG), L::splat(-1.0));
-    let sum = error + state.q[0];
+    let sum = error + q;
     L::splat(ENDLESS).where_above(sum.at_least(-sum), wrong, L::splat(1.0)).any_above(L::splat(0.0))
 }
 
@@ -170,10 +105,8 @@ pub struct Filter<T, M> {
     pub(super) even: u64,
     /// Latest rows of each sensor that are copies of the one before: packets that were lost. Before this sample there are
     /// copies that could not be repaired any more.
-    lost: [u64; 2],
+    pub(super) lost: [u64; 2],
     pub(super) unrepaired: u64,
-    /// Before this sample there are rows that were mended.
-    mended: u64,
 }
 
 /// From one sample to the next.
@@ -212,7 +145,6 @@ impl<T: Real, M: Method> Filter<T, M> {
             even: 0,
             lost: [0; 2],
             unrepaired: 0,
-            mended: 0,
         }
     }
 
@@ -228,7 +160,7 @@ impl<T: Real, M: Method> Filter<T, M> {
     }
 
     /// The same, and hands over every estimate when its accelerations have been used, with the number of its sample. While the
-    /// filter is starting, these hold no orientation.
+    /// filter is starting, these hold nothing.
     #[inline(always)]
     pub(super) fn push_into(&mut self, time_s: f64, sample: &PairSample, sink: &mut impl FnMut(u64, Estimate)) {
         if !(time_s.is_finite() && is_finite(sample)) {
@@ -287,15 +219,9 @@ impl<T: Real, M: Method> Filter<T, M> {
                 if fresh + 1 < self.done {
                     self.unrepaired = self.done;
                 }
-                self.mended = number;
                 self.lost[sensor] = 0;
             }
         }
-    }
-
-    /// Whether no row from `number` on was mended or is waiting to be: what a recording holds is then what the ring holds.
-    pub(super) fn mended_before(&self, number: u64) -> bool {
-        self.lost == [0; 2] && self.mended <= number
     }
 
     /// Works in the samples that wait for neighbours that will not come, by the gyroscopes alone.
@@ -461,8 +387,7 @@ impl<T: Real, M: Method> Filter<T, M> {
                 self.start = None;
                 self.tracking_s = 0.0;
             } else {
-                let std = ComplexField::sqrt(start.variance()).min(LARGEST_STD);
-                return Estimate { q: [1.0, 0.0, 0.0, 0.0], std, status: Status::Starting };
+                return Estimate { q: [1.0, 0.0, 0.0, 0.0], std: LARGEST_STD, status: Status::Starting };
             }
         }
         self.estimate()
@@ -485,7 +410,7 @@ impl<T: Real, M: Method> Filter<T, M> {
     /// Starts anew where the two sensors' horizontal accelerations say that the heading is wrong.
     #[inline(always)]
     pub(super) fn watch(&mut self) {
-        if !alarm(&self.state) {
+        if !alarm(self.state.watch, self.state.q[0]) {
             return;
         }
         let broken = !(self.state.watch[0] + self.state.q[0]).to_f64().is_finite();
@@ -575,7 +500,6 @@ impl<T: Real, M: Method> Filter<T, M> {
             && self.stretch <= self.count
             && self.even <= self.count
             && self.unrepaired <= self.count
-            && self.mended <= self.count
             && self.lost.iter().all(|lost| *lost < self.count.max(1) && *lost <= LENGTH)
             && self.start.is_none_or(|s| s.is_sound())
     }

@@ -5,11 +5,12 @@ use alloc::vec::Vec;
 use nalgebra::{Matrix3, Vector3};
 
 use super::{
-    filter::{Filter, Settings},
+    filter::Filter,
     lane::Real,
     method::{Method, Tuning},
     run::Signals,
-    state::{Moment, State},
+    settings::Settings,
+    state::{Moment, State, expected},
 };
 use crate::Xyz;
 
@@ -59,7 +60,7 @@ pub fn innovations<T: Real, M: Method>(
 fn foreseen<T: Real, M: Method>(method: &M, tuning: &Tuning<f64>, before: &State<T>, m: &Moment<T>) -> (Xyz, f64) {
     let mut state = *before;
     method.step(&tuning.cast(), &mut state, m, false);
-    let seen = state.expected(m).map(T::to_f64);
+    let seen = expected(state.q, m).map(T::to_f64);
     let acc2 = m.acc2.map(T::to_f64);
     let e = Vector3::from(seen) - Vector3::from(acc2);
     let [xx, xy, xz, yy, yz, zz] = method.covariance(&state);

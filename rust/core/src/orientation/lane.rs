@@ -76,7 +76,7 @@ macro_rules! real {
     };
 }
 #[cfg(all(feature = "std", target_arch = "x86_64"))]
-use super::eight::registers::{Doubles256, Doubles512, Singles256};
+use super::registers::{Doubles256, Doubles512, Singles256};
 #[cfg(all(feature = "std", target_arch = "x86_64"))]
 real!(f64, Doubles256, Doubles512, true);
 #[cfg(all(feature = "std", target_arch = "x86_64"))]

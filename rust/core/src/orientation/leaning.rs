@@ -47,7 +47,7 @@ impl<L: Lane> Leaning<L> {
     }
 
     /// Brings itself up to date where that is due; `pull` are the rows of KH of one sample. Where none corrects it waits.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(crate) fn update(&mut self, per_dt: L, pull: &[Vec3<L>; 3], bias_var: L) {
         let (zero, one) = (L::splat(0.0), L::splat(1.0));
         let [a, b, c] = rows_back(exp(self.turn));

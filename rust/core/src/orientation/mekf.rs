@@ -16,7 +16,7 @@ use super::{
     },
     lane::{Lane, Real},
     method::{Method, Tuning},
-    state::{Moment, State, share},
+    state::{Moment, State, Up, expected, share, turned},
 };
 
 /// What happens to an innovation that is larger than expected.
@@ -145,10 +145,11 @@ impl Method for Mekf {
     #[inline(always)]
     fn begin<L: Lane>(&self, _: &mut State<L>) {}
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn step<L: Lane>(&self, t: &Tuning<L>, s: &mut State<L>, m: &Moment<L>, correct: bool) {
         // Time update: the error turns with sensor 2.
-        s.turn(m);
+        s.q = turned(s.q, m);
+        s.turn_up(m.turn2);
         s.p = add_diagonal(&congruence(&rows_back(m.step[1]), &s.p), t.process(s.drift, m));
         let leans = s.leaning.wait(m);
         if !correct {
@@ -156,7 +157,7 @@ impl Method for Mekf {
             return;
         }
         // Innovation: of η it shows the part across a2, a2 × e/a2², each of whose two components has the variance R/a2².
-        let seen = s.expected(m);
+        let seen = expected(s.q, m);
         let e = sub(seen, m.acc2);
         let error2 = dot(e, e);
         let level = m.level[1].at_least(L::splat(LEAST_LEVEL));
@@ -180,10 +181,11 @@ impl Method for Mekf {
             let pull = [0, 1, 2].map(|r| together(&across, [gain[0][r], gain[1][r]]));
             s.leaning.update(m.per_dt, &pull, t.bias_var);
         }
-        let up = s.look_up(m);
-        s.observe(m, &up, seen, error2);
+        s.follow_up(m);
+        let up = Up::of(s.up, m);
+        s.observe(m, up.flat, up.watched(m, seen, error2));
         if self.adapt {
-            s.follow_link(m, e, error2, (known[0] + known[2]) * level * L::splat(1.0 / 3.0));
+            s.follow_link(m, e, error2, [known[0] + known[2], level * L::splat(1.0 / 3.0)]);
             Self::follow_drift(s, eta, m.dt);
         }
     }

@@ -3,7 +3,9 @@
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{
-    algebra::{Sym3, scale},
+    algebra::{Quat, Sym3, scale},
+    eight::{EIGHT, Eight},
+    filter::alarm,
     lane::{Lane, Real},
     state::{Joint, Moment, Noise, State},
 };
@@ -16,12 +18,48 @@ pub trait Method: Copy + PartialEq + Serialize + DeserializeOwned + Send + Sync 
     fn begin<L: Lane>(&self, state: &mut State<L>);
     /// Turns with the gyroscopes and, where `correct`, uses the accelerations.
     fn step<L: Lane>(&self, tuning: &Tuning<L>, state: &mut State<L>, moment: &Moment<L>, correct: bool);
+    /// Works in the accelerations of one moment after the other, for as many orientations and variances; where an estimate
+    /// alarms, it is the last one, and its place is given. `pace` is dt and its reciprocal.
+    #[inline(always)]
+    fn follow<T: Real, V: Eight<T>>(
+        &self,
+        tuning: &Tuning<f64>,
+        state: &mut State<T>,
+        moments: &[Moment<[T; EIGHT]>],
+        pace: [f64; 2],
+        q: &mut [Quat<T>],
+        variance: &mut [T],
+    ) -> Option<usize> {
+        follow_in_turn(self, tuning, state, moments, pace, q, variance)
+    }
     /// Trace of the covariance of the rotation error, rad².
     fn variance<L: Lane>(&self, state: &State<L>) -> L;
     /// Covariance of the rotation error in the frame of sensor 2, rad²; its trace is [`Self::variance`].
     fn covariance<T: Real>(&self, state: &State<T>) -> Sym3<f64>;
     /// Adds so much variance about every axis.
     fn widen<L: Lane>(&self, state: &mut State<L>, variance: L);
+}
+
+/// [`Method::follow`], step by step.
+#[inline(always)]
+pub(super) fn follow_in_turn<T: Real, M: Method>(
+    method: &M,
+    tuning: &Tuning<f64>,
+    state: &mut State<T>,
+    moments: &[Moment<[T; EIGHT]>],
+    pace: [f64; 2],
+    q: &mut [Quat<T>],
+    variance: &mut [T],
+) -> Option<usize> {
+    let (tuning, pace) = (tuning.cast(), pace.map(T::splat));
+    for (row, (q, variance)) in q.iter_mut().zip(variance).enumerate() {
+        method.step(&tuning, state, &moments[row / EIGHT].each(|x| x[row % EIGHT]).at_pace(pace), true);
+        (*q, *variance) = (state.q, method.variance(state));
+        if alarm(state.watch, state.q[0]) {
+            return Some(row);
+        }
+    }
+    None
 }
 
 /// Noise as the filters use it, worked out once.

@@ -8,10 +8,11 @@
 //!
 //! A sample moves 96 bytes in and 41 out. In one recording the chain from one orientation to the next sets the floor, in cycles
 //! of latency (addition 2, multiplication 3, division 13, root 20, as on Zen 5): for the complementary filter two quaternion
-//! products 14, `Rᵀa1` 12, gradient with heading gain 22, its length 5, root beside division 26, step 10: about 90, 24 ns at
-//! 3.85 GHz, and a sixth of that for what is done side by side. The Kalman filter's, through both 2×2 inverses, has about 150.
-//! Both take about twice as long, since the core looks ahead no farther than one sample's instructions. Eight
-//! recordings are bound by instructions, not latency; `benches/orientation.py` measures.
+//! products 14, `Rᵀa1` 12, squares of the gradient with heading gain 18, root beside division 29, step 5: about 80, 21 ns at
+//! 3.75 GHz. `interleaved` takes about 32 ns with all that goes on beside the chain, which counts too, for numbers one by one fill
+//! the multipliers; reading, looking, handing over and the start take another 16. The Kalman filter's chain, through both 2×2
+//! inverses, has about 150 cycles, and it takes twice as long, since the core looks ahead no farther than one sample's
+//! instructions. Eight recordings are bound by instructions, not latency; `benches/orientation.py` measures.
 
 use alloc::boxed::Box;
 
@@ -19,17 +20,17 @@ use super::{
     algebra::{Vec3, scale},
     batch::Passenger,
     eight::{Array, EIGHT, Eight},
-    filter::{Filter, alarm, spread},
+    filter::{Filter, alarm},
     lane::Real,
     method::{Method, Tuning, mean},
-    ring::{LENGTH, WIDEST, five_points, is_even},
+    results::{Results, goes_on},
+    ring::{LENGTH, five_points},
+    rows::{InLine, LONGEST, READ, Rows, sitting},
     state::{Moment, State, at_joint_center},
 };
 
-/// Numbers of a channel that are read at a time: samples times recordings.
-const READ: usize = 256;
 /// Groups of eight instants that are worked out at a time.
-const GROUPS: usize = EIGHT;
+pub(super) const GROUPS: usize = 2 * EIGHT;
 
 /// Runs `S` recordings (fewer repeat the last one) side by side for `steps` samples, or until one must go on alone: at once on
 /// x86-64 without AVX2, which is not worth code of its own.
@@ -72,45 +73,50 @@ fn together_in<T: Real, M: Method, V: Eight<T>, const S: usize>(
 ) {
     let method = lanes[0].filter.method;
     let constants = Constants::<V>::of::<T, M>(lanes);
-    let tuning = lanes[0].filter.tuning.cast::<T>();
-    let pace = [lanes[0].filter.step_s, lanes[0].filter.settings.rate_hz].map(T::splat);
+    let tuning = lanes[0].filter.tuning;
+    let pace = [lanes[0].filter.step_s, lanes[0].filter.settings.rate_hz];
     // One of these is used.
     let mut one = lanes[0].filter.state;
     let mut eight = State::<V>::new([0.0; 4], [0.0; 6], [0.0; 3], 0.0);
-    if S > 1 {
+    if const { S > 1 } {
         gather(lanes, &mut eight);
     }
     let Room { channels, moments: InLine(moments), results } = room;
-    let mut rows = Rows::<T, S>::new::<M, V>(channels, lanes);
+    let mut rows = Rows::<T, S>::new(channels, lanes);
     let mut done = 0;
     let mut stop = false;
+    // 1 in all lanes: nothing has to be done about their orientations in the end. One recording is looked at afterwards.
+    let mut smooth = V::splat(0.0);
     while done < steps && !stop {
         let wanted = (READ / S).min(steps - done);
         let length = rows.read::<M, V>(lanes, done, wanted);
         stop = length < wanted;
         for first in (0..length).step_by(GROUPS * EIGHT / S) {
             let count = (length - first).min(GROUPS * EIGHT / S);
-            constants.look(&rows, first, &mut moments[..(count * S).div_ceil(EIGHT)]);
             // Two times the same, number by number and lane by lane.
-            let mut row = 0;
-            let mut alarmed = false;
-            while row < count && !alarmed {
-                if S == 1 {
-                    let moment = moments[row / EIGHT].each(|x| x[row % EIGHT]).at_pace(pace);
-                    method.step(&tuning, &mut one, &moment, true);
-                    results.put_one(row, &one.q, method.variance(&one));
-                    alarmed = alarm(&one);
-                } else {
-                    let moment = moments[row].each(|x| V::load(x)).at_pace([constants.dt, constants.per_dt]);
+            let alarmed = if const { S == 1 } {
+                constants.look_at_all(&rows, first, &mut moments[..count.div_ceil(EIGHT)]);
+                let Results { q: InLine(q), variance: InLine(variance) } = results;
+                method.follow::<T, V>(&tuning, &mut one, moments, pace, &mut q[..count], &mut variance[..count])
+            } else {
+                let mut alarmed = None;
+                smooth = V::splat(1.0);
+                for row in 0..count {
+                    let (moment, before) = (constants.look(&rows, first, row), eight.q);
                     method.step(&constants.tuning, &mut eight, &moment, true);
+                    smooth = smooth.at_most(goes_on(before, eight.q));
                     results.put_eight(row, &eight.q, method.variance(&eight));
-                    alarmed = alarm(&eight);
+                    if alarm(eight.watch, eight.q[0]) {
+                        alarmed = Some(row);
+                        break;
+                    }
                 }
-                row += 1;
-            }
-            results.hand_over::<M, V, S>(lanes, row);
-            done += row;
-            if alarmed {
+                alarmed
+            };
+            let worked_in = alarmed.map_or(count, |row| row + 1);
+            results.hand_over::<M, V, S>(lanes, worked_in, !V::splat(1.0).any_above(smooth));
+            done += worked_in;
+            if alarmed.is_some() {
                 stop = true;
                 break;
             }
@@ -119,7 +125,7 @@ fn together_in<T: Real, M: Method, V: Eight<T>, const S: usize>(
             rows.shift(length);
         }
     }
-    if S == 1 {
+    if const { S == 1 } {
         lanes[0].filter.state = one;
     } else {
         scatter(lanes, &mut eight);
@@ -128,13 +134,6 @@ fn together_in<T: Real, M: Method, V: Eight<T>, const S: usize>(
         lane.adopt(done);
     }
 }
-
-/// Begins where a register's width in memory does: what crosses lines of the cache costs twice and more.
-#[repr(align(64))]
-struct InLine<X>(X);
-
-/// Numbers of a channel that there is room for: a group of eight may reach beyond the last row.
-const LONGEST: usize = 4 * WIDEST as usize * EIGHT + READ + EIGHT;
 
 /// Memory to work in, for any number of calls.
 pub(super) struct Room<T> {
@@ -163,11 +162,6 @@ struct Constants<V> {
     midpoint: bool,
     /// Step of the stencil, samples.
     step: usize,
-}
-
-/// The recording in lane `k` of eight: the last one where there are fewer.
-fn sitting<'l, 'a, T, M>(lanes: &'l [Passenger<'a, T, M>], k: usize) -> &'l Passenger<'a, T, M> {
-    &lanes[k.min(lanes.len() - 1)]
 }
 
 impl<V> Constants<V> {
@@ -200,22 +194,30 @@ impl<V> Constants<V> {
 
     /// Works out groups of eight instants from row `first` on.
     #[inline(always)]
-    fn look<T: Real, const S: usize>(&self, rows: &Rows<'_, T, S>, first: usize, moments: &mut [Moment<[T; EIGHT]>])
+    fn look_at_all<T: Real, const S: usize>(&self, rows: &Rows<'_, T, S>, first: usize, moments: &mut [Moment<[T; EIGHT]>])
     where
         V: Eight<T>,
     {
         for (j, moment) in moments.iter_mut().enumerate() {
-            // The sample whose neighbours have come with the row.
-            let at = (rows.before - rows.ahead + first) * S + j * EIGHT;
-            let (turn1, acc1) = self.sensor(rows, at, 0);
-            let (turn2, acc2) = self.sensor(rows, at, 1);
-            let m = Moment::new([self.dt, self.per_dt], [turn1, turn2], [acc1, acc2]);
-            *moment = m.each(|x| {
+            *moment = self.look(rows, first, j).each(|x| {
                 let mut numbers = [T::default(); EIGHT];
                 x.store(&mut numbers);
                 numbers
             });
         }
+    }
+
+    /// Works out group `j` of eight instants from row `first` on.
+    #[cfg_attr(not(debug_assertions), inline(always))]
+    fn look<T: Real, const S: usize>(&self, rows: &Rows<'_, T, S>, first: usize, j: usize) -> Moment<V>
+    where
+        V: Eight<T>,
+    {
+        // The sample whose neighbours have come with the row.
+        let at = (rows.before - rows.ahead + first) * S + j * EIGHT;
+        let (turn1, acc1) = self.sensor(rows, at, 0);
+        let (turn2, acc2) = self.sensor(rows, at, 1);
+        Moment::new([self.dt, self.per_dt], [turn1, turn2], [acc1, acc2])
     }
 
     /// Turn, and acceleration of the joint centre.
@@ -252,206 +254,7 @@ fn scatter<T: Real, M: Method, V: Eight<T>>(lanes: &mut [Passenger<'_, T, M>], e
     }
 }
 
-/// Bias-free samples, channel by channel: number `row * S + k` is that of recording `k`.
-struct Rows<'r, T, const S: usize> {
-    channels: &'r mut [InLine<[T; LONGEST]>; 12],
-    /// So many rows before the first new one: what derivatives look back on, and what brings new ones in line.
-    before: usize,
-    /// So far derivatives look ahead.
-    ahead: usize,
-    /// Of each signal and recording, as often as there are samples in a group.
-    biases: InLine<[[[f64; 3 * EIGHT]; EIGHT]; 4]>,
-}
-
-impl<'r, T: Real, const S: usize> Rows<'r, T, S> {
-    fn new<M: Method, V: Eight<T>>(channels: &'r mut [InLine<[T; LONGEST]>; 12], lanes: &[Passenger<'_, T, M>]) -> Self {
-        let ahead = lanes[0].filter.delay_samples() as usize;
-        let before = if S == 1 { (2 * ahead).next_multiple_of(EIGHT) } else { 2 * ahead };
-        let mut biases = [[[0.0; 3 * EIGHT]; EIGHT]; 4];
-        for k in 0..S {
-            let bias = sitting(lanes, k).filter.bias();
-            for (biases, bias) in biases.iter_mut().zip(bias.as_chunks::<3>().0) {
-                biases[k].as_chunks_mut().0.fill(*bias);
-            }
-        }
-        let mut rows = Self { channels, before, ahead, biases: InLine(biases) };
-        rows.put::<M, V>(lanes, before - 2 * ahead, -(2 * ahead as isize), 2 * ahead);
-        rows
-    }
-
-    /// Puts `count` samples of each recording, from `from` samples after its position on, into the rows from `row` on.
-    #[inline(always)]
-    fn put<M: Method, V: Eight<T>>(&mut self, lanes: &[Passenger<'_, T, M>], row: usize, from: isize, count: usize) {
-        // Eight samples of eight recordings change rows and columns in registers; what is left over goes one by one.
-        let whole = if S == 1 { 0 } else { count - count % EIGHT };
-        for (s, channels) in self.channels.as_chunks_mut::<3>().0.iter_mut().enumerate() {
-            if whole > 0 {
-                let mut samples = [[].as_slice(); EIGHT];
-                for (k, samples) in samples.iter_mut().enumerate() {
-                    let lane = sitting(lanes, k);
-                    let at = lane.position.wrapping_add_signed(from);
-                    *samples = lane.signals.xyz[s][at..at + whole].as_chunks::<EIGHT>().0;
-                }
-                let groups =
-                    channels.each_mut().map(|c| c.0[S * row..S * (row + whole)].as_chunks_mut().0.as_chunks_mut::<EIGHT>().0);
-                let [x, y, z] = groups;
-                for (first, ((x, y), z)) in x.iter_mut().zip(y).zip(z).enumerate() {
-                    for part in 0..3 {
-                        let mut rows = [V::splat(0.0); EIGHT];
-                        for (k, row) in rows.iter_mut().enumerate() {
-                            let samples = samples[k][first].as_flattened().as_chunks().0;
-                            *row = V::difference(&samples[part], &self.biases.0[s][k].as_chunks().0[part]);
-                        }
-                        for (j, numbers) in V::transposed(rows).into_iter().enumerate() {
-                            let number = EIGHT * part + j;
-                            numbers.store([&mut *x, &mut *y, &mut *z][number % 3].each_mut()[number / 3]);
-                        }
-                    }
-                }
-            }
-            for k in 0..S {
-                let lane = sitting(lanes, k);
-                let (bias, at) = (&self.biases.0[s][k], lane.position.wrapping_add_signed(from));
-                let rows = S * (row + whole)..S * (row + count);
-                let [x, y, z] = channels.each_mut().map(|c| c.0[rows.clone()].as_chunks_mut::<S>().0);
-                let samples = lane.signals.xyz[s][at + whole..at + count].iter();
-                for (((x, y), z), xyz) in x.iter_mut().zip(y).zip(z).zip(samples) {
-                    x[k] = T::splat(xyz[0] - bias[0]);
-                    y[k] = T::splat(xyz[1] - bias[1]);
-                    z[k] = T::splat(xyz[2] - bias[2]);
-                }
-            }
-        }
-    }
-
-    /// Reads so many new samples of each recording, `done` samples after their positions; gives how many of them may be worked
-    /// in.
-    #[inline(always)]
-    fn read<M: Method, V: Eight<T>>(&mut self, lanes: &[Passenger<'_, T, M>], done: usize, count: usize) -> usize {
-        self.put::<M, V>(lanes, self.before, done as isize, count);
-        let even = lanes.iter().map(|lane| lane.even_for(done, count)).min().unwrap_or(0);
-        // All must be finite, and no sensor may repeat its row: lost packets are mended alone.
-        for at in (0..even * S).step_by(EIGHT) {
-            let (now, before) = (self.before * S + at, (self.before - 1) * S + at);
-            let moved = self.distance::<V>(0, now, before) * self.distance::<V>(6, now, before);
-            let (zero, one) = (V::splat(0.0), V::splat(1.0));
-            let sound = moved.where_above(zero, V::splat(f64::INFINITY).where_above(moved, one, zero), zero);
-            if one.any_above(sound) {
-                let mut numbers = [T::default(); EIGHT];
-                sound.store(&mut numbers);
-                let k = numbers.iter().position(|x| x.to_f64() == 0.0).unwrap_or(0);
-                return even.min((at + k) / S);
-            }
-        }
-        even
-    }
-
-    /// Sum of the changes of the six channels of a sensor.
-    #[inline(always)]
-    fn distance<V: Eight<T>>(&self, sensor: usize, now: usize, before: usize) -> V {
-        let mut sum = V::splat(0.0);
-        for channel in &self.channels[sensor..sensor + 6] {
-            let change = eight_at::<T, V>(&channel.0, now) - eight_at(&channel.0, before);
-            sum = sum + change.at_least(-change);
-        }
-        sum
-    }
-
-    #[inline(always)]
-    fn xyz<V: Eight<T>>(&self, channel: usize, at: usize) -> Vec3<V> {
-        let [x, y, z] = [&self.channels[channel].0, &self.channels[channel + 1].0, &self.channels[channel + 2].0];
-        [eight_at(x, at), eight_at(y, at), eight_at(z, at)]
-    }
-
-    /// Makes room behind the last rows.
-    fn shift(&mut self, count: usize) {
-        for channel in self.channels.iter_mut() {
-            channel.0.copy_within(count * S..(count + self.before) * S, 0);
-        }
-    }
-}
-
-#[inline(always)]
-fn eight_at<T: Real, V: Eight<T>>(channel: &[T], at: usize) -> V {
-    debug_assert!(at + EIGHT <= channel.len());
-    // SAFETY: rows has room for the groups it is read in, see Rows::new.
-    V::load(unsafe { &*channel.as_ptr().add(at).cast() })
-}
-
-/// Rows and columns of eight by eight numbers change places.
-#[inline(always)]
-fn transposed<T: Real, V: Eight<T>>(from: &[[T; EIGHT]]) -> [V; EIGHT] {
-    let mut rows = [V::splat(0.0); EIGHT];
-    for (row, from) in rows.iter_mut().zip(from) {
-        *row = V::load(from);
-    }
-    V::transposed(rows)
-}
-
-/// Orientations and variances on their way out: of one recording, or of eight one after the other; while rows come in, those of
-/// eight lie side by side.
-struct Results<T> {
-    q: InLine<[[T; 4]; GROUPS * EIGHT]>,
-    variance: InLine<[T; GROUPS * EIGHT]>,
-}
-
-impl<T: Real> Results<T> {
-    #[inline(always)]
-    fn put_one(&mut self, row: usize, q: &[T; 4], variance: T) {
-        self.q.0[row] = *q;
-        self.variance.0[row] = variance;
-    }
-
-    #[inline(always)]
-    fn put_eight<V: Eight<T>>(&mut self, row: usize, q: &[V; 4], variance: V) {
-        for (all, q) in self.q.0.as_flattened_mut().as_chunks_mut().0[4 * row..].iter_mut().zip(q) {
-            q.store(all);
-        }
-        variance.store(&mut self.variance.0.as_chunks_mut().0[row]);
-    }
-
-    /// Gives each recording its estimates of the first rows.
-    #[inline(always)]
-    fn hand_over<M: Method, V: Eight<T>, const S: usize>(&mut self, lanes: &mut [Passenger<'_, T, M>], rows: usize) {
-        for group in self.variance.0.as_chunks_mut().0 {
-            spread(V::load(group)).store(group);
-        }
-        if S > 1 {
-            self.turn_over::<V>();
-        }
-        for (k, lane) in lanes.iter_mut().enumerate() {
-            let at = k * GROUPS * EIGHT / S..k * GROUPS * EIGHT / S + rows;
-            lane.page.extend(&self.q.0[at.clone()], &self.variance.0[at]);
-        }
-    }
-
-    /// Eight rows of eight recordings: recording by recording.
-    #[inline(always)]
-    fn turn_over<V: Eight<T>>(&mut self) {
-        let side_by_side = InLine(self.q.0);
-        let (from, to) = (side_by_side.0.as_flattened().as_chunks().0, self.q.0.as_flattened_mut().as_chunks_mut().0);
-        for two in 0..EIGHT / 2 {
-            for (k, q) in transposed::<T, V>(&from[EIGHT * two..]).into_iter().enumerate() {
-                q.store(&mut to[EIGHT / 2 * k + two]);
-            }
-        }
-        let variances = transposed::<T, V>(self.variance.0.as_chunks().0);
-        for (variance, to) in variances.into_iter().zip(self.variance.0.as_chunks_mut().0) {
-            variance.store(to);
-        }
-    }
-}
-
 impl<T: Real, M: Method> Passenger<'_, T, M> {
-    /// How many of `count` samples follow each other evenly, from `done` after the position on.
-    #[inline(always)]
-    fn even_for(&self, done: usize, count: usize) -> usize {
-        let first = self.position + done;
-        let Some(times) = self.signals.time_s else { return count };
-        let rate_hz = self.filter.settings.rate_hz;
-        times[first - 1..first + count].windows(2).position(|t| !is_even((t[1] - t[0]) * rate_hz)).unwrap_or(count)
-    }
-
     /// Goes on `steps` samples later, when the state has already.
     fn adopt(&mut self, steps: usize) {
         let Self { filter, signals, position, .. } = self;

@@ -1,14 +1,16 @@
 //! A whole recording: the estimate of every sample, at its own time.
 
 use alloc::{vec, vec::Vec};
+use core::ops::Range;
 
 use super::{
-    algebra::{Quat, exp, inverted, mul, normalize},
-    filter::{Estimate, Filter, Settings, Status},
+    algebra::{Quat, dot4, exp, inverted, mul, normalize},
+    filter::{Estimate, Filter, Status},
     lane::Real,
     method::{Method, mean},
+    settings::Settings,
 };
-use crate::{PairSample, Xyz, condition::BREAK_STEPS};
+use crate::{PairSample, Xyz, condition::BREAK_STEPS, wide::wide};
 
 /// gyr1, acc1, gyr2, acc2 of equal length.
 #[derive(Clone, Copy, Debug)]
@@ -31,6 +33,12 @@ impl Signals<'_> {
         self.len() == 0
     }
 
+    /// Of each signal, whether all numbers are below `limit`; whether times are finite and rise.
+    pub fn are_below(&self, limit: f64) -> ([bool; 4], bool) {
+        let [gyr1, acc1, gyr2, acc2] = self.xyz.map(|xyz| are_below(xyz, limit));
+        ([gyr1, acc1, gyr2, acc2], self.time_s.is_none_or(do_rise))
+    }
+
     /// One sample; zeros beyond the end.
     #[inline(always)]
     pub fn sample(&self, k: usize) -> PairSample {
@@ -45,6 +53,27 @@ impl Signals<'_> {
     pub fn time(&self, k: usize, rate_hz: f64) -> f64 {
         self.time_s.map_or(k as f64 / rate_hz, |t| t.get(k).copied().unwrap_or(f64::NAN))
     }
+}
+
+wide! {
+    fn are_below(xyz: &[Xyz], limit: f64) -> bool = all_below;
+}
+
+#[inline(always)]
+fn all_below(xyz: &[Xyz], limit: f64) -> bool {
+    xyz.as_flattened().iter().fold(true, |all, x| all & (x.abs() < limit))
+}
+
+wide! {
+    fn do_rise(time_s: &[f64]) -> bool = all_rise;
+}
+
+#[inline(always)]
+fn all_rise(time_s: &[f64]) -> bool {
+    let pairs = time_s.iter().zip(time_s.get(1..).unwrap_or_default());
+    // Where they rise, the ends are finite or none.
+    let ends = time_s.first().is_none_or(|t| t.is_finite()) & time_s.last().is_none_or(|t| t.is_finite());
+    pairs.fold(ends, |all, (a, b)| all & (a < b))
 }
 
 /// The estimates of a recording, part by part.
@@ -66,7 +95,7 @@ impl Estimates {
 
     /// All of it, to be written.
     pub(super) fn page(&mut self) -> Page<'_> {
-        Page { q: &mut self.q, std: &mut self.std, status: &mut self.status, filled: 0 }
+        Page { q: &mut self.q, std: &mut self.std, status: &mut self.status, filled: 0, settled: 0 }
     }
 
     /// The first ones only.
@@ -91,6 +120,8 @@ pub(super) struct Page<'a> {
     status: &'a mut [Status],
     /// So many are there already.
     pub filled: usize,
+    /// From here on all are sound, none flips, and none is of a start: nothing has to be done about them in the end.
+    settled: usize,
 }
 
 impl<'a> Page<'a> {
@@ -100,19 +131,29 @@ impl<'a> Page<'a> {
         (q, self.q) = core::mem::take(&mut self.q).split_at_mut(count);
         (std, self.std) = core::mem::take(&mut self.std).split_at_mut(count);
         (status, self.status) = core::mem::take(&mut self.status).split_at_mut(count);
-        Page { q, std, status, filled: 0 }
+        Page { q, std, status, filled: 0, settled: 0 }
     }
 
     /// One more.
     pub fn push(&mut self, estimate: Estimate) {
         let at = self.filled;
         (self.q[at], self.std[at], self.status[at]) = (estimate.q, estimate.std, estimate.status);
-        self.filled += 1;
+        self.look_at(at..at + 1, estimate.status == Status::Starting);
     }
 
-    /// Many more.
+    /// Looks at new rows while they are near.
     #[inline(always)]
-    pub fn extend<T: Real>(&mut self, q: &[[T; 4]], std: &[T]) {
+    fn look_at(&mut self, now: Range<usize>, starting: bool) {
+        let from = now.start.saturating_sub(1).max(self.settled);
+        if starting || !are_continuous(&self.q[from..now.end], &self.std[from..now.end]) {
+            self.settled = now.end;
+        }
+        self.filled = now.end;
+    }
+
+    /// Many more; `smooth`: of which it is known that nothing has to be done about them.
+    #[inline(always)]
+    pub fn extend<T: Real>(&mut self, q: &[[T; 4]], std: &[T], smooth: bool) {
         let now = self.filled..self.filled + q.len();
         for (to, [w, x, y, z]) in self.q[now.clone()].iter_mut().zip(q) {
             *to = [w.to_f64(), x.to_f64(), y.to_f64(), z.to_f64()];
@@ -123,7 +164,11 @@ impl<'a> Page<'a> {
         for (to, from) in self.status[now.clone()].iter_mut().zip(std) {
             *to = Status::of(from.to_f64());
         }
-        self.filled = now.end;
+        if smooth {
+            self.filled = now.end;
+        } else {
+            self.look_at(now, false);
+        }
     }
 }
 
@@ -134,35 +179,52 @@ pub(super) fn finish<T: Real, M: Method>(filter: &mut Filter<T, M>, signals: &Si
     rest.flush(&mut |_, e| page.push(e));
     let all = ..page.filled;
     let (q, std, status) = (&mut page.q[all], &mut page.std[all], &page.status[all]);
-    if let (Some(end), Status::Starting) = (q.last_mut(), last.status) {
-        *end = last.q;
+    if let (Some(q), Some(std), Status::Starting) = (q.last_mut(), std.last_mut(), last.status) {
+        (*q, *std) = (last.q, last.std);
     }
-    carry_back(filter.settings(), signals, q, std, status);
-    make_continuous(q, std);
+    carry_back(filter.settings(), signals, q, std, &status[..page.settled]);
+    make_continuous(q, std, page.settled);
 }
 
-/// Turns the signs so that none flips from one sample to the next. Where the numbers overflowed, the orientation is unknown.
-fn make_continuous(q: &mut [Quat<f64>], std: &mut [f64]) {
+/// Turns the signs so that none flips from one sample to the next. Where the numbers overflowed, the orientation is unknown. The
+/// rows from `settled` on need it only if the first of them does.
+fn make_continuous(q: &mut [Quat<f64>], std: &mut [f64], settled: usize) {
     let mut before = [0.0; 4];
-    for (q, std) in q.iter_mut().zip(std) {
-        if !((dot4(q, q) - 1.0).abs() < 1e-3 && std.is_finite()) {
+    for (k, (q, std)) in q.iter_mut().zip(std).enumerate() {
+        let flips = dot4(*q, before) < 0.0;
+        if k >= settled && !flips {
+            return;
+        }
+        if !is_sound(q, *std) {
             (*q, *std) = ([1.0, 0.0, 0.0, 0.0], core::f64::consts::PI);
         }
-        if dot4(q, &before) < 0.0 {
+        if dot4(*q, before) < 0.0 {
             *q = q.map(|x| -x);
         }
         before = *q;
     }
 }
 
-fn dot4(a: &Quat<f64>, b: &Quat<f64>) -> f64 {
-    (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3])
+/// By so much the square of a sound orientation differs from one at most.
+pub(super) const UNSOUND: f64 = 1e-3;
+
+/// Whether all are sound and none flips.
+#[inline(always)]
+fn are_continuous(q: &[Quat<f64>], std: &[f64]) -> bool {
+    let sound = q.iter().zip(std).fold(true, |all, (q, std)| all & is_sound(q, *std));
+    let pairs = q.iter().zip(q.get(1..).unwrap_or_default());
+    sound & pairs.fold(true, |all, (a, b)| all & (dot4(*a, *b) >= 0.0))
+}
+
+#[inline(always)]
+fn is_sound(q: &Quat<f64>, std: f64) -> bool {
+    ((dot4(*q, *q) - 1.0).abs() < UNSOUND) & std.is_finite()
 }
 
 /// Gives the samples of a start the orientation that it found, turned back by the gyroscopes.
 fn carry_back(settings: &Settings, signals: &Signals<'_>, q: &mut [Quat<f64>], std: &mut [f64], status: &[Status]) {
     let [gyr1, _, gyr2, _] = signals.xyz;
-    for k in (0..status.len().saturating_sub(1)).rev() {
+    for k in (0..status.len().min(q.len().saturating_sub(1))).rev() {
         if status[k] != Status::Starting {
             continue;
         }

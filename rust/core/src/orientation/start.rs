@@ -30,8 +30,6 @@ pub struct Start {
     /// Length of the window so far, s, and since its sums were last looked at.
     elapsed_s: f64,
     unseen_s: f64,
-    /// Covariance when they were, rad².
-    known: Sym3<f64>,
     /// Old instants fade with this time constant, s: the drift makes them worthless.
     fade_s: f64,
     /// Variance of the bias of the relative rate, one axis, (rad/s)².
@@ -50,6 +48,8 @@ const NOTHING_KNOWN: f64 = core::f64::consts::PI * core::f64::consts::PI / 3.0;
 const MISFIT: f64 = 1.0;
 /// A start may end with this many times the wanted variance when waiting does not help.
 const NEARLY: f64 = 9.0;
+/// What a bound keeps of itself for rounding.
+const NEARLY_ALL: f64 = 0.99;
 /// Weight, against the data, of leaving undetermined directions as the shortest rotation leaves them.
 const PREFERENCE: f64 = 1e-9;
 /// The sums are looked at so often, s; no multiple of usual steps, lest rounding decides.
@@ -59,7 +59,6 @@ impl Start {
     /// A window that begins now.
     pub fn new(fade_s: f64, bias_var: f64) -> Self {
         let one = [1.0, 0.0, 0.0, 0.0];
-        let known = [NOTHING_KNOWN, 0.0, 0.0, NOTHING_KNOWN, 0.0, NOTHING_KNOWN];
         Self {
             turned: [one; 2],
             products: [[0.0; 3]; 3],
@@ -69,7 +68,6 @@ impl Start {
             drift: 0.0,
             elapsed_s: 0.0,
             unseen_s: 0.0,
-            known,
             fade_s,
             bias_var,
         }
@@ -107,8 +105,7 @@ impl Start {
     /// From now on everything before is uncertain by this variance more, rad²: a window that knows to the variance `k` is worth
     /// `k/(k + variance)` of itself.
     pub fn doubt(&mut self, variance: f64) {
-        self.known = self.shown(self.between());
-        let known = trace(&self.known) / 3.0;
+        let known = trace(&self.shown(self.between())) / 3.0;
         let keep = known / (known + variance);
         let sums = [&mut self.power, &mut self.weight, &mut self.aged, &mut self.drift];
         self.products.as_flattened_mut().iter_mut().chain(sums).for_each(|x| *x *= keep);
@@ -122,14 +119,21 @@ impl Start {
             return false;
         }
         self.unseen_s = 0.0;
-        self.known = self.shown(self.between());
-        let variance = trace(&self.known) + 3.0 * self.drift;
-        variance < std * std || (self.elapsed_s > self.fade_s && variance < NEARLY * std * std)
+        let wanted = std * std * if self.elapsed_s > self.fade_s { NEARLY } else { 1.0 };
+        !self.is_surely_above(wanted) && trace(&self.shown(self.between())) + 3.0 * self.drift < wanted
     }
 
-    /// Trace of the covariance when the sums were last looked at, rad².
-    pub fn variance(&self) -> f64 {
-        trace(&self.known) + 3.0 * self.drift + self.leaning_variance()
+    /// Whether some direction is surely less known than to this variance: spares most looks their eigenvectors. The curvature
+    /// in the least known one is the sum of the two smaller singular values of the sums (one may count negative), and of their
+    /// squares nothing is left but what the sums have across any vector.
+    fn is_surely_above(&self, variance: f64) -> bool {
+        let products = Matrix3::from_fn(|r, c| self.products[r][c]);
+        let along = (1..3)
+            .map(|k| products.row(k))
+            .fold(products.row(0), |a, b| if b.norm_squared() > a.norm_squared() { b } else { a });
+        let across = products.norm_squared() - (products * along.transpose()).norm_squared() / along.norm_squared();
+        let needed = NEARLY_ALL * NOISE_DENSITY * (1.0 / variance - 1.0 / NOTHING_KNOWN);
+        needed > 0.0 && 2.0 * across < needed * needed
     }
 
     /// For how long gyroscope biases have acted on what this finds: the mean age of what it rests on, s.
@@ -183,7 +187,7 @@ impl Start {
         let finite = |q: &Quat<f64>| q.iter().all(|x| x.is_finite());
         let sums = [self.power, self.weight, self.aged, self.drift, self.unseen_s, self.bias_var];
         self.turned.iter().all(finite)
-            && sums.iter().chain(&self.known).chain(self.products.as_flattened()).all(|x| x.is_finite())
+            && sums.iter().chain(self.products.as_flattened()).all(|x| x.is_finite())
             && self.fade_s > 0.0
     }
 }

@@ -112,6 +112,31 @@ pub(crate) struct Up<L> {
 }
 
 impl<L: Lane> Up<L> {
+    /// Where nothing has looked up.
+    #[inline(always)]
+    pub fn nowhere() -> Self {
+        let zero = L::splat(0.0);
+        Self { up: [zero; 3], square: zero, per_square: zero, flat: zero }
+    }
+
+    /// Of this direction, and of what sensor 2 sees.
+    #[inline(always)]
+    pub fn of(up: Vec3<L>, m: &Moment<L>) -> Self {
+        let square = dot(up, up).at_least(L::splat(1e-12));
+        let mut up = Self { up, square, per_square: L::splat(1.0) / square, flat: L::splat(0.0) };
+        up.flat = up.horizontal(m.level[1], m.acc2);
+        up
+    }
+
+    /// Squares of the link residual and of the horizontal accelerations of both sensors, weighed and bounded, so that one impact
+    /// counts like any other instant; `seen` is [`expected`].
+    #[inline(always)]
+    pub fn watched(&self, m: &Moment<L>, seen: Vec3<L>, error2: L) -> [L; 2] {
+        let flat = self.horizontal(m.level[0], seen) + self.flat;
+        let weight = L::splat(1.0) / (flat + L::splat(WATCH_POWER));
+        [error2.at_most(flat + flat) * weight, flat * weight]
+    }
+
     /// Square of what of `a`, whose own is `level`, is horizontal.
     #[inline(always)]
     fn horizontal(&self, level: L, a: Vec3<L>) -> L {
@@ -124,6 +149,19 @@ impl<L: Lane> Up<L> {
 #[inline(always)]
 pub fn at_joint_center<L: Lane>(acc: Vec3<L>, gyr: Vec3<L>, gyr_dot: Vec3<L>, r: Vec3<L>) -> Vec3<L> {
     sub(acc, add(cross(gyr, cross(gyr, r)), cross(gyr_dot, r)))
+}
+
+/// `exp(−turn1/2) ⊙ q ⊙ exp(turn2/2)`: eq. 5a of both sensors, seen from sensor 1.
+#[inline(always)]
+pub(crate) fn turned<L: Lane>(q: Quat<L>, m: &Moment<L>) -> Quat<L> {
+    let [step1, step2] = m.step;
+    mul(mul(inverted(step1), q), step2)
+}
+
+/// The acceleration of sensor 1 as sensor 2 should see it.
+#[inline(always)]
+pub(crate) fn expected<L: Lane>(q: Quat<L>, m: &Moment<L>) -> Vec3<L> {
+    rotate_back(q, m.acc1)
 }
 
 /// A filter's estimate. Perturbations act on the right, so errors and covariance are in the frame of sensor 2.
@@ -212,53 +250,42 @@ impl<L: Lane> State<L> {
         f(&mut self.leaning.variance, &mut other.leaning.variance);
     }
 
-    /// `q ← exp(−turn1/2) ⊙ q ⊙ exp(turn2/2)`: eq. 5a of both sensors, seen from sensor 1; what is up turns along.
+    /// What is up turns with sensor 2.
     #[inline(always)]
-    pub(crate) fn turn(&mut self, m: &Moment<L>) {
-        let [step1, step2] = m.step;
-        self.q = mul(mul(inverted(step1), self.q), step2);
-        self.up = sub(self.up, cross(m.turn2, self.up));
-    }
-
-    /// The acceleration of sensor 1 as sensor 2 should see it.
-    #[inline(always)]
-    pub(crate) fn expected(&self, m: &Moment<L>) -> Vec3<L> {
-        rotate_back(self.q, m.acc1)
+    pub(crate) fn turn_up(&mut self, turn2: Vec3<L>) {
+        self.up = sub(self.up, cross(turn2, self.up));
     }
 
     /// Follows the direction of gravity.
     #[inline(always)]
-    pub(crate) fn look_up(&mut self, m: &Moment<L>) -> Up<L> {
+    pub(crate) fn follow_up(&mut self, m: &Moment<L>) {
         self.up = add(self.up, scale(sub(m.acc2, self.up), share(m.dt, UP_S)));
-        let square = dot(self.up, self.up).at_least(L::splat(1e-12));
-        let mut up = Up { up: self.up, square, per_square: L::splat(1.0) / square, flat: L::splat(0.0) };
-        up.flat = up.horizontal(m.level[1], m.acc2);
-        up
     }
 
-    /// Follows what tells whether heading is seen and right; `seen` is [`Self::expected`].
+    /// Follows what drift adds, rad²/s.
     #[inline(always)]
-    pub(crate) fn observe(&mut self, m: &Moment<L>, up: &Up<L>, seen: Vec3<L>, error2: L) {
-        self.heading_power = self.heading_power + (up.flat - self.heading_power) * share(m.dt, POWER_S);
-        // Weighed and bounded, so that one impact counts like any other instant.
-        let flat = up.horizontal(m.level[0], seen) + up.flat;
-        let weight = L::splat(1.0) / (flat + L::splat(WATCH_POWER));
-        let [error, seen] = self.watch;
-        let now = error2.at_most(flat + flat) * weight;
-        let share = share(m.dt, WATCH_S);
-        self.watch = [error + (now - error) * share, seen + (flat * weight - seen) * share];
+    pub(crate) fn follow_drift(&mut self, m: &Moment<L>, now: L) {
+        self.diffusion = self.diffusion + (now - self.diffusion) * share(m.dt, DIFFUSION_S);
     }
 
-    /// Follows the scatter of the link residual `error`; `explained` is the part per axis that the orientation's own
-    /// uncertainty explains. Bad samples count as [`LINK_JUMP`] times the present value at most.
+    /// Follows what tells whether heading is seen and right: [`Up::flat`] and [`Up::watched`].
     #[inline(always)]
-    pub(crate) fn follow_link(&mut self, m: &Moment<L>, error: Vec3<L>, error2: L, explained: L) {
+    pub(crate) fn observe(&mut self, m: &Moment<L>, flat: L, watched: [L; 2]) {
+        self.heading_power = self.heading_power + (flat - self.heading_power) * share(m.dt, POWER_S);
+        let (share, [error, power]) = (share(m.dt, WATCH_S), self.watch);
+        self.watch = [error + (watched[0] - error) * share, power + (watched[1] - power) * share];
+    }
+
+    /// Follows the scatter of the link residual `error`; the product of both in `explained` is the part per axis that
+    /// the orientation's own uncertainty explains. Bad samples count as [`LINK_JUMP`] times the present value at most.
+    #[inline(always)]
+    pub(crate) fn follow_link(&mut self, m: &Moment<L>, error: Vec3<L>, error2: L, [variance, share_of]: [L; 2]) {
         let one = L::splat(1.0);
-        self.link_var = followed(self.link_var, error2, explained, m.dt).at_least(L::splat(LEAST_LINK_VAR));
+        self.link_var = followed(self.link_var, error2, variance * share_of, m.dt).at_least(L::splat(LEAST_LINK_VAR));
         self.link_mean = add(self.link_mean, scale(sub(error, self.link_mean), share(m.dt, LINK_MEAN_S)));
         let as_one = L::splat(2.0) * (m.per_dt * L::splat(LINK_MEAN_S)).at_least(one) - one; // (2 − s)/s
         let slow = dot(self.link_mean, self.link_mean) * as_one;
-        let slow_var = followed(self.link_slow_var, slow, explained * as_one, m.dt);
+        let slow_var = followed(self.link_slow_var, slow, variance * (share_of * as_one), m.dt);
         self.link_slow_var = slow_var.at_least(L::splat(LEAST_LINK_VAR * LEAST_SLOW));
     }
 
@@ -284,8 +311,9 @@ fn followed<L: Lane>(var: L, square: L, explained: L, dt: L) -> L {
 
 /// What drift adds while limbs move, rad²/s: to begin with.
 const USUAL_DIFFUSION: f64 = 1e-4;
-/// Time constants, s: of the direction upwards, of the horizontal power, of the watch on the heading, of the link residual.
+/// Time constants, s: of the direction upwards, of the drift that corrections are held against, of the horizontal power, of the watch on the heading, of the link residual.
 const UP_S: f64 = 1.0;
+const DIFFUSION_S: f64 = 1.0;
 const POWER_S: f64 = 10.0;
 const WATCH_S: f64 = 4.0;
 /// Horizontal power that counts half in the watch, (m/s²)².
