@@ -64,10 +64,10 @@ def out_of_step(recording: Recording, layout: Layout) -> dict[str, float]:
                     gain += [joint(name, before) - joint(name, before + turn * shift) for shift in shifts.tolist()]
         doubt = gains.std(axis=2, ddof=1) / np.sqrt(len(pieces))
         sure = gains.mean(axis=2) - SURE * doubt
-        which, best = np.unravel_index(int(np.argmax(sure)), sure.shape)
-        if sure[which, best] < CLEAR:
+        move, best = np.unravel_index(int(np.argmax(sure)), sure.shape)
+        if sure[move, best] < CLEAR:
             break
-        found += moved[which] * shifts[best]
+        found += moved[move] * shifts[best]
     usual = np.bincount(found - found.min()).argmax() + found.min()
     return {s: float(late - usual) / rate_hz for s, late in zip(layout.segments, found, strict=True) if late != usual}
 
@@ -78,5 +78,5 @@ def _pieces(recording: Recording, names: list[str]) -> list[tuple[int, int]]:
     fastest = np.max([np.linalg.norm(recording[name].gyr, axis=1) for name in names], axis=0)
     starts = range(0, len(fastest) - length + 1, length)
     busy = [start for start in starts if np.mean(fastest[start : start + length] > STILL) > 0.5]
-    chosen = np.unique(np.linspace(0, len(busy) - 1, MOST).round().astype(int)) if busy else []
+    chosen = sorted({round(k * (len(busy) - 1) / (MOST - 1)) for k in range(MOST)}) if busy else []
     return [(busy[k], busy[k] + length) for k in chosen]

@@ -165,20 +165,29 @@ fn slope_rms(readings: &Readings<'_>, rows: &[Xyz]) -> f64 {
     ComplexField::sqrt(sum / f64::from(count.max(1)))
 }
 
-/// Variance that no smooth motion explains, of one channel of one sample: third differences (of white noise they have 20 times
+/// Variance that no smooth motion explains, of one channel of one sample: sixth differences (of white noise they have 924 times
 /// its variance) over the steps between two samples, as far as the stretch goes. Impacts and ringing straps are faster than
 /// samples follow: what lies between these is then known no better than they scatter.
 fn scatter(readings: &Readings<'_>, rows: &[Xyz], from: usize, to: usize, stretch: (usize, usize)) -> f64 {
-    let (low, high) = (from.saturating_sub(1).max(stretch.0), (to + 2).min(stretch.1));
+    const BINOMIAL: [f64; 7] = [1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0];
+    let (low, high) = (from.saturating_sub(3).max(stretch.0), (to + 4).min(stretch.1));
     let (mut sum, mut count) = (0.0, 0_u32);
-    for (four, t) in rows[low..high].windows(4).zip(readings.time_s[low..high].windows(4)) {
-        if t[3] - t[0] < 3.5 * readings.step_s {
-            let [a, b, c, d] = [0, 1, 2, 3].map(|n| vector(&four[n]));
-            sum += (d - a - (c - b) * 3.0).norm_squared() / (3.0 * 20.0);
+    for (seven, t) in rows[low..high].windows(7).zip(readings.time_s[low..high].windows(7)) {
+        if t[6] - t[0] < 6.5 * readings.step_s {
+            let difference: Vector3<f64> = seven.iter().zip(BINOMIAL).map(|(row, weight)| vector(row) * weight).sum();
+            sum += difference.norm_squared() / (3.0 * 924.0);
             count += 1;
         }
     }
     sum / f64::from(count.max(1))
+}
+
+/// Whether the step from a sample to the next has ordinary ones on both sides.
+fn curved(readings: &Readings<'_>, n: usize, stretch: (usize, usize)) -> bool {
+    n > stretch.0 && n + 2 < stretch.1 && {
+        let t = &readings.time_s[n - 1..n + 3];
+        t.windows(2).all(|pair| (pair[1] - pair[0] - readings.step_s).abs() < 0.1 * readings.step_s)
+    }
 }
 
 /// Mean rate around a sample, within its stretch.
@@ -220,6 +229,9 @@ fn integrate(
     for n in from..to {
         let dt = readings.time_s[n + 1] - readings.time_s[n];
         let mean = |rows: &[Xyz]| match readings.sampling {
+            Sampling::Instant if curved(readings, n, stretch) => {
+                ((vector(&rows[n]) + vector(&rows[n + 1])) * 13.0 - vector(&rows[n - 1]) - vector(&rows[n + 2])) / 24.0
+            }
             Sampling::Instant => 0.5 * (vector(&rows[n]) + vector(&rows[n + 1])),
             Sampling::Interval => vector(&rows[n]),
         };
@@ -229,7 +241,12 @@ fn integrate(
             miss * miss / (3.0 * dt)
         };
         let wider = |std: f64, scatter: f64, rough: f64| ComplexField::sqrt((std * std).max(scatter * dt) + missed(rough));
-        let step = Step { dt, gyr: mean(gyr), acc: mean(acc) };
+        let mut step = Step { dt, gyr: mean(gyr), acc: mean(acc) };
+        if readings.sampling == Sampling::Instant {
+            let [r0, r1, f0, f1] = [gyr[n], gyr[n + 1], acc[n], acc[n + 1]].map(Vector3::from);
+            step.gyr += r0.cross(&r1) * (dt / 12.0);
+            step.acc += (r0.cross(&f1) + f0.cross(&r1)) * (dt / 12.0);
+        }
         let (gyr_std, acc_std) = (wider(noise.gyr, rough_gyr, roughness[0]), wider(noise.acc, rough_acc, roughness[1]));
         pre.push(&step, gyr_std, acc_std, noise.position);
     }
