@@ -250,6 +250,14 @@ def test_rates_and_times_of_any_kind(walk: LowerBodySimulation) -> None:
     assert knee(simulate_lower_body("walking", time_s=np.cumsum(steps), **given)) < 2.0
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_few_samples_a_second_cost_little(seed: int) -> None:
+    truth = simulate_lower_body("walking", seed=seed, duration_s=40.0, rate_hz=30.0, **WORN)
+    found = estimate_lower_body(truth.recording, truth.placement)
+    off = found.knee_angles_deg["left"][:, 0] - truth.knee_angles_deg["left"][:, 0]
+    assert float(np.sqrt(np.mean(off**2))) < 2.0
+
+
 def test_lost_packets_cost_certainty_not_honesty() -> None:
     # Each sensor loses 3 %, in bursts: a fifth of the rows is not common to all.
     truth = simulate_lower_body("walking", seed=1, duration_s=20.0, packet_loss=0.03, gyr_bias=0.005, acc_bias=0.05)
