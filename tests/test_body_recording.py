@@ -14,6 +14,7 @@ from imufast.quaternion import conjugate, matrix, multiply
 from imufast.track import track
 from numpy.typing import NDArray
 from scipy.signal import resample_poly
+from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 SIDES = ("right", "left")
@@ -164,8 +165,39 @@ def test_who_sits_between_two_breaks_faces_as_before(recording: Recording, body:
 
 
 def test_who_only_walks_is_found(recording: Recording) -> None:
-    walking = recording.between(60.0, 95.0)
-    assert estimate_lower_body(walking, PLACEMENT).status is BodyStatus.CONVERGED
+    found = estimate_lower_body(recording.between(60.0, 95.0), PLACEMENT)
+    assert found.status is BodyStatus.CONVERGED
+    assert found.iterations <= 44
+
+
+def apart_in_stds(one: LowerBody, other: LowerBody, sides: dict[str, str]) -> float:
+    """How far all angles are apart at most, in standard deviations: the search ends where it promises to move by less."""
+    return max(
+        float(
+            np.max(np.abs(getattr(one, f"{kind}_angles_deg")[side] - getattr(other, f"{kind}_angles_deg")[sides[side]]) / std)
+        )
+        for kind in ("knee", "hip", "ankle")
+        for side, std in getattr(one, f"{kind}_std_deg").items()
+    )
+
+
+def test_how_sensors_are_strapped_on_changes_nothing(recording: Recording, body: LowerBody) -> None:
+    turns = dict(zip(recording, Rotation.random(7, random_state=5).as_matrix(), strict=True))
+    imus = {n: Imu(imu.gyr @ turns[n], imu.acc @ turns[n], rate_hz=100.0, name=n) for n, imu in recording.items()}
+    found = estimate_lower_body(Recording(imus), PLACEMENT)
+    assert apart_in_stds(found, body, {side: side for side in SIDES}) < 0.15
+
+
+def test_a_mirrored_person_has_mirrored_angles(recording: Recording, body: LowerBody) -> None:
+    """What a mirror shows: vectors with x turned round, rates the other way besides."""
+    flip = np.array([-1.0, 1.0, 1.0])
+    imus = {n: Imu(-imu.gyr * flip, imu.acc * flip, rate_hz=100.0, name=n) for n, imu in recording.items()}
+    other = {"right": "left", "left": "right"}
+    placement = {
+        segment.replace(side, other[side]): PLACEMENT[segment] for side in SIDES for segment in PLACEMENT if side in segment
+    }
+    found = estimate_lower_body(Recording(imus), placement | {"pelvis": PLACEMENT["pelvis"]})
+    assert apart_in_stds(found, body, other) < 0.15
 
 
 @pytest.mark.parametrize("keep", [2, 4])
