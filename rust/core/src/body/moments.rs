@@ -324,10 +324,10 @@ mod tests {
             integrate(&readings, 0, from, (0, time_s.len()), &spacing, &[Vector3::zeros(); 2], &noise, [0.0; 2])
         };
         let (few, many) = (made(25, 5, 5), made(2000, 400, 400));
-        // Trapezoids alone are off by 0.008 rad and 0.05 m/s.
+        // Trapezoids alone are off by 0.017 and 0.005 m/s.
         let off = few.turn.tr_mul(&many.turn) - nalgebra::Matrix3::identity();
         assert!(off.norm() < 2e-3, "{}", off.norm());
         let off = few.velocity - many.velocity;
-        assert!(off.norm() < 1e-2, "{}", off.norm());
+        assert!(off.norm() < 2e-3, "{}", off.norm());
     }
 }
