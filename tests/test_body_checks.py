@@ -13,6 +13,7 @@ import pytest
 from imufast.body import BodyStatus, LowerBodySettings, estimate_lower_body
 from imufast.body.checks import misplaced
 from imufast.body.layout import SEGMENTS, SIDES, layout
+from imufast.body.timing import out_of_step
 from imufast.errors import InputError, UnitError
 from imufast.imu import Imu, Recording
 from imufast.simulate import LegTissue, LowerBodySimulation, simulate_lower_body
@@ -131,6 +132,41 @@ def test_swapped_legs_of_a_real_walk_are_found(shared_data: Path) -> None:
     assert wrong.status is BodyStatus.PLACEMENT_CONTRADICTED
 
 
+def late(recording: Recording, name: str, samples: int) -> Recording:
+    """One sensor's data come later than its time stamps say."""
+    gyr, acc = (np.roll(rows, samples, axis=0) for rows in (recording[name].gyr, recording[name].acc))
+    return Recording(dict(recording) | {name: Imu(gyr, acc, time_s=recording.time_s, name=name)})
+
+
+@pytest.mark.parametrize("segment", SEGMENTS)
+def test_a_sensor_behind_the_others_is_named(shared_data: Path, segment: str) -> None:
+    recording = imufast.read(shared_data / "lower_body" / "full_body_walk.npz")
+    found = out_of_step(late(recording, WALKER[segment], 4), layout(recording, WALKER))
+    assert list(found) == [segment]
+    assert found[segment] == pytest.approx(0.04, abs=0.021)
+
+
+def test_sensors_in_step_raise_no_alarm(shared_data: Path) -> None:
+    recording = imufast.read(shared_data / "lower_body" / "full_body_walk.npz")
+    assert out_of_step(recording, layout(recording, WALKER)) == {}
+    for motion in ("walking", "sit_to_stand", "profile", "ankles_and_knees", "standing"):
+        worn = WORN | {"soft_tissue": LegTissue(wobble_rad_s=3.0)}
+        recording = simulate_lower_body(motion, seed=4, duration_s=40.0, rate_hz=60.0, **worn).recording
+        assert out_of_step(recording, layout(recording, swapped())) == {}
+
+
+@pytest.mark.parametrize("samples", [2, -2])
+def test_a_leg_out_of_step_is_said(samples: int) -> None:
+    recording = simulate_lower_body("walking", seed=1, duration_s=30.0, rate_hz=50.0, **WORN).recording
+    for segment in ("thigh_left", "shank_left", "foot_left"):
+        recording = late(recording, segment, samples)
+    found = estimate_lower_body(recording, swapped(), settings=FEW)
+    way = "behind" if samples > 0 else "ahead of"
+    for segment in ("thigh_left", "shank_left", "foot_left"):
+        assert any(why.startswith(f"imu '{segment}' on {segment} is about 40 ms {way} the others") for why in found.why)
+    assert not any("'pelvis'" in why for why in found.why)
+
+
 def frozen(start: int, stop: int | None) -> Callable[[Array, Array], tuple[Array, Array]]:
     def change(gyr: Array, acc: Array) -> tuple[Array, Array]:
         gyr[start:stop], acc[start:stop] = gyr[start], acc[start]
@@ -212,6 +248,14 @@ def test_rates_and_times_of_any_kind(walk: LowerBodySimulation) -> None:
     assert knee(simulate_lower_body("walking", duration_s=6.0, rate_hz=1000.0, **given)) < 2.0
     steps = np.random.default_rng(1).uniform(0.006, 0.014, 1200)
     assert knee(simulate_lower_body("walking", time_s=np.cumsum(steps), **given)) < 2.0
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_few_samples_a_second_cost_little(seed: int) -> None:
+    truth = simulate_lower_body("walking", seed=seed, duration_s=40.0, rate_hz=30.0, **WORN)
+    found = estimate_lower_body(truth.recording, truth.placement)
+    off = found.knee_angles_deg["left"][:, 0] - truth.knee_angles_deg["left"][:, 0]
+    assert float(np.sqrt(np.mean(off**2))) < 2.0
 
 
 def test_lost_packets_cost_certainty_not_honesty() -> None:

@@ -13,6 +13,8 @@ from imufast.imu import Imu, Recording
 from imufast.quaternion import conjugate, matrix, multiply
 from imufast.track import track
 from numpy.typing import NDArray
+from scipy.signal import resample_poly
+from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 SIDES = ("right", "left")
@@ -130,7 +132,7 @@ def test_knees_bend_the_right_way_without_hips(recording: Recording, body: Lower
     assert float(np.std(off)) < 4.0
     # What a pelvis says of a knee is little, and where the whole body is says nothing of its heading.
     assert alone.status is BodyStatus.CONVERGED
-    np.testing.assert_allclose(alone.joints["knee_right"].heading_std_deg, body.joints["knee_right"].heading_std_deg, rtol=0.25)
+    np.testing.assert_allclose(alone.joints["knee_right"].heading_std_deg, body.joints["knee_right"].heading_std_deg, rtol=0.35)
 
 
 def test_without_standing_the_zero_of_what_has_no_bone_is_open(recording: Recording, body: LowerBody) -> None:
@@ -141,3 +143,72 @@ def test_without_standing_the_zero_of_what_has_no_bone_is_open(recording: Record
     whole = body.time_s.searchsorted(alone.time_s + 57.0 - 1e-9)
     off = alone.knee_angles_deg["right"][:, 0] - body.knee_angles_deg["right"][whole, 0]
     assert 10.0 < abs(float(off.mean())) < float(alone.knee_std_deg["right"][:, 0].mean())
+
+
+def without(recording: Recording, *gaps: tuple[float, float]) -> Recording:
+    keep = np.ones(len(recording.time_s), dtype=bool)
+    for start, stop in gaps:
+        keep &= (recording.time_s < start) | (recording.time_s >= stop)
+    time_s = recording.time_s[keep]
+    return Recording({n: Imu(imu.gyr[keep], imu.acc[keep], time_s=time_s, name=n) for n, imu in recording.items()})
+
+
+def test_who_sits_between_two_breaks_faces_as_before(recording: Recording, body: LowerBody) -> None:
+    """Next to nothing shows the headings of who sits still: the search starts from how the knees stand otherwise."""
+    found = estimate_lower_body(without(recording, (10.5, 12.5), (38.5, 42.4)), PLACEMENT)
+    assert found.status is BodyStatus.CONVERGED
+    assert found.iterations <= 30
+    whole = np.searchsorted(body.time_s, found.time_s - 1e-9)
+    for side in SIDES:
+        off = found.hip_angles_deg[side][:, 0] - body.hip_angles_deg[side][whole, 0]
+        assert float(np.abs(off).max()) < 10.0
+
+
+def test_who_only_walks_is_found(recording: Recording) -> None:
+    found = estimate_lower_body(recording.between(60.0, 95.0), PLACEMENT)
+    assert found.status is BodyStatus.CONVERGED
+    assert found.iterations <= 44
+
+
+def apart_in_stds(one: LowerBody, other: LowerBody, sides: dict[str, str]) -> float:
+    """How far all angles are apart at most, in standard deviations: the search ends where it promises to move by less."""
+    return max(
+        float(
+            np.max(np.abs(getattr(one, f"{kind}_angles_deg")[side] - getattr(other, f"{kind}_angles_deg")[sides[side]]) / std)
+        )
+        for kind in ("knee", "hip", "ankle")
+        for side, std in getattr(one, f"{kind}_std_deg").items()
+    )
+
+
+def test_how_sensors_are_strapped_on_changes_nothing(recording: Recording, body: LowerBody) -> None:
+    turns = dict(zip(recording, Rotation.random(7, random_state=5).as_matrix(), strict=True))
+    imus = {n: Imu(imu.gyr @ turns[n], imu.acc @ turns[n], rate_hz=100.0, name=n) for n, imu in recording.items()}
+    found = estimate_lower_body(Recording(imus), PLACEMENT)
+    assert apart_in_stds(found, body, {side: side for side in SIDES}) < 0.15
+
+
+def test_a_mirrored_person_has_mirrored_angles(recording: Recording, body: LowerBody) -> None:
+    """What a mirror shows: vectors with x turned round, rates the other way besides."""
+    flip = np.array([-1.0, 1.0, 1.0])
+    imus = {n: Imu(-imu.gyr * flip, imu.acc * flip, rate_hz=100.0, name=n) for n, imu in recording.items()}
+    other = {"right": "left", "left": "right"}
+    placement = {
+        segment.replace(side, other[side]): PLACEMENT[segment] for side in SIDES for segment in PLACEMENT if side in segment
+    }
+    found = estimate_lower_body(Recording(imus), placement | {"pelvis": PLACEMENT["pelvis"]})
+    assert apart_in_stds(found, body, other) < 0.15
+
+
+@pytest.mark.parametrize("keep", [2, 4])
+def test_other_rates_find_the_same_knees(recording: Recording, body: LowerBody, keep: int) -> None:
+    def fewer(rows: Array) -> Array:
+        return np.asarray(resample_poly(rows, 1, keep, padtype="line"))
+
+    imus = {n: Imu(fewer(imu.gyr), fewer(imu.acc), rate_hz=100.0 / keep, name=n) for n, imu in recording.items()}
+    found = estimate_lower_body(Recording(imus), PLACEMENT)
+    assert found.status is BodyStatus.CONVERGED
+    for side in SIDES:
+        off = found.knee_angles_deg[side] - body.knee_angles_deg[side][::keep][: len(found.time_s)]
+        assert float(off[:, 0].std()) < {2: 1.25, 4: 4.0}[keep]
+        assert (np.abs(off) < 2.0 * found.knee_std_deg[side]).mean() > 0.9

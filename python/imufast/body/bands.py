@@ -7,11 +7,14 @@ from numpy.typing import NDArray
 
 from imufast.joint_angles import clinical
 
-__all__ = ["MCGRATH", "angles_deg", "between", "pelvis_deg", "pelvis_std_deg", "std_deg"]
+__all__ = ["MCGRATH", "angles_deg", "between", "pelvis_deg", "pelvis_std_deg", "spread_deg", "std_deg"]
 
 Array = NDArray[np.float64]
 MCGRATH = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 """Takes vectors of McGrath's frames (x right, y forward, z towards the body) to ISB's (X anterior, Y proximal, Z right)."""
+
+HEADINGS = 12
+"""So many directions stand for all."""
 
 
 def between(upper: tuple[Array, Array], lower: tuple[Array, Array]) -> Array:
@@ -51,6 +54,20 @@ def std_deg(
     to_lower = np.swapaxes(relative, 1, 2)
     by_constants = per_turn @ (turns[1] - to_lower @ turns[0])
     return _std(by_turns, by_constants, covariance, per_turn**2 @ loose[1] + (per_turn @ to_lower) ** 2 @ loose[0])
+
+
+def spread_deg(kind: str, side: str, upper: tuple[Array, Array], lower: tuple[Array, Array]) -> Array:
+    """(K, 3) how far `angles_deg` are off, rms, where the heading of one segment against the other may be any: too far for
+    derivatives. `upper`, `lower` as of `between`, in a world with z up."""
+    now = angles_deg(kind, side, between(upper, lower))
+    square = np.zeros_like(now)
+    headings = np.linspace(0.0, 2.0 * np.pi, HEADINGS, endpoint=False)
+    for c, s in zip(np.cos(headings), np.sin(headings), strict=True):
+        about_z = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        off = angles_deg(kind, side, between(upper, (about_z @ lower[0], lower[1]))) - now
+        square += ((off + 180.0) % 360.0 - 180.0) ** 2
+    spread: Array = np.sqrt(square / HEADINGS)
+    return spread
 
 
 def pelvis_deg(pelvis: tuple[Array, Array]) -> Array:

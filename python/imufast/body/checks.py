@@ -17,7 +17,7 @@ from imufast.pairs import identical
 from imufast.plausibility import check_units, dead_channels
 from imufast.quaternion import rotate
 
-__all__ = ["Assignments", "alive", "legs_swapped", "misplaced", "stands_still", "without_islands"]
+__all__ = ["Assignments", "alive", "legs_swapped", "misfit", "misplaced", "stands_still", "without_islands"]
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]
@@ -153,11 +153,11 @@ class Assignments:
     def of(cls, recording: Recording, layout: Layout) -> Assignments:
         """From how well each pair of sensors shares a point."""
         names = list(layout.placed.values())
-        misfit = np.zeros((len(names), len(names)))
+        apart = np.zeros((len(names), len(names)))
         for a, b in combinations(range(len(names)), 2):
-            misfit[a, b] = misfit[b, a] = _misfit(recording[names[a]], recording[names[b]])
+            apart[a, b] = apart[b, a] = misfit(recording[names[a]], recording[names[b]])
         worn = np.array(list(permutations(range(len(names)))))
-        return cls(worn, np.sum([misfit[worn[:, a], worn[:, b]] for a, b in layout.joints.values()], axis=0))
+        return cls(worn, np.sum([apart[worn[:, a], worn[:, b]] for a, b in layout.joints.values()], axis=0))
 
     @property
     def margin(self) -> float:
@@ -204,7 +204,7 @@ def legs_swapped(layout: Layout, q: dict[str, Array], centers: dict[str, Array],
     return [f"right and left look swapped: by the way the knees bend, {right} are on the left leg and {left} on the right"]
 
 
-def _misfit(imu1: Imu, imu2: Imu) -> float:
+def misfit(imu1: Imu, imu2: Imu) -> float:
     """Logarithm of how far the best common point of two sensors is from accelerating alike."""
     residual_std = estimate_joint_center(imu1, imu2, "sa").residual_std
     return float(np.log(np.hypot(residual_std if np.isfinite(residual_std) else WORST, FLOOR)))

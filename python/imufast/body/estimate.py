@@ -17,6 +17,7 @@ from imufast.body.settings import Anthropometry, LowerBodySettings
 from imufast.body.solve import Ask, Progress, solve
 from imufast.body.stance import STILL
 from imufast.body.start import BodyStart
+from imufast.body.timing import out_of_step
 from imufast.body.windows import excerpt, through_windows
 from imufast.errors import InputError, SettingsError
 from imufast.imu import Recording
@@ -66,7 +67,8 @@ def estimate_lower_body(
     Returns:
         LowerBody. What the motion leaves open is said joint by joint, not raised; sensors that look swapped are a status, and
         so is a subject who stands still (then every standard deviation is infinite). A stretch in which a sensor is frozen is
-        a gap to all; less than half a second between two gaps is left out.
+        a gap to all; less than half a second between two gaps is left out. A sensor that is behind the others in time, or
+        ahead of them, is named.
 
     Raises:
         InputError: not a recording; a placement that names no segment or sensor, uses a sensor twice, or leaves a segment
@@ -88,6 +90,9 @@ def estimate_lower_body(
     still = stands_still(recording, placed)
     pieces = excerpt(recording, list(placed.placed.values()), how)
     swapped = [] if still else misplaced(pieces or recording, placed)
+    # One that sits elsewhere fits its neighbours no better by being in step with them.
+    late = {} if still or swapped else out_of_step(recording, placed)
+    why += [_late(segment, placed.placed[segment], behind_s) for segment, behind_s in late.items()]
     found = together([_part(recording, pieces, Ask(part, measures, how, progress)) for part in placed.parts()])
     if every_sample:
         found = at_samples(found, recording)
@@ -106,6 +111,14 @@ def _check_length(recording: Recording, why: list[str]) -> None:
         raise InputError("; ".join([f"recording lasts {lasts_s:.3g} s; give at least {LEAST_S:g} s of motion", *why]))
     if recording.rate_hz < 0.99 * LEAST_HZ:
         raise InputError(f"recording has {recording.rate_hz:.3g} samples a second; give at least {LEAST_HZ:g}")
+
+
+def _late(segment: str, name: str, behind_s: float) -> str:
+    way = "behind" if behind_s > 0.0 else "ahead of"
+    return (
+        f"imu {name!r} on {segment} is about {1e3 * abs(behind_s):.0f} ms {way} the others: synchronise the sensors, or put "
+        "its time stamps right and join them again (imufast.align); till then its joints are off by more than their bands"
+    )
 
 
 def _part(recording: Recording, pieces: Recording | None, ask: Ask) -> LowerBody:

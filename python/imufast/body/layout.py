@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+from numpy.typing import NDArray
+
 from imufast.errors import InputError
 from imufast.imu import Recording
 
@@ -47,6 +50,14 @@ class Layout:
             Layout({s: n for (s, n), k in zip(self.placed.items(), part, strict=True) if k == root})
             for root in sorted(set(part))
         ]
+
+    def beyond(self, joint: str) -> NDArray[np.intp]:
+        """(S,) 1 for all sensors that hang on a joint, from its lower one on, else 0."""
+        hang = np.zeros(len(self.segments), dtype=np.intp)
+        hang[self.joints[joint][1]] = 1
+        for upper, lower in self.joints.values():
+            hang[lower] |= hang[upper]
+        return hang
 
     def seen(self, joint: str, segment: str) -> tuple[int, int] | None:
         """Joint and side, as the core counts them; None where the joint or the segment is not in the model."""

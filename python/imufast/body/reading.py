@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from imufast import _core
 from imufast.body.anatomy import frames
-from imufast.body.bands import MCGRATH, angles_deg, between, pelvis_deg, pelvis_std_deg, std_deg
+from imufast.body.bands import MCGRATH, angles_deg, between, pelvis_deg, pelvis_std_deg, spread_deg, std_deg
 from imufast.body.layout import SIDES, Layout
 from imufast.body.problem import center_std_m
 from imufast.body.residuals import residuals
@@ -214,13 +214,17 @@ class Reading:
         j, (upper, lower), (kind, side) = layout.names.index(name), layout.joints[name], name.split("_")
         if fit.joint_covariance is None or fit.joint_constants is None or fit.constants_covariance is None:
             return np.full((len(self.turned), 3), np.inf)
-        own = fit.joint_covariance[:, j].reshape(-1, 6, 6).copy()
-        # The search is local, and so is what it says of a heading that is open: that may be anywhere.
-        own[self.heading_deg(name) > UNSEEN_DEG, 5, 5] += np.radians(UNKNOWN_DEG) ** 2
+        own = fit.joint_covariance[:, j].reshape(-1, 6, 6)
         beside = fit.joint_constants[:, 6 * j : 6 * j + 6]
         covariance = (own, beside, fit.constants_covariance + self.shifted())
         turns, loose = ((of[upper], of[lower]) for of in (self.turns, self.loose))
-        return std_deg(kind, side, self.of(upper), self.of(lower), turns, covariance, loose)
+        found = std_deg(kind, side, self.of(upper), self.of(lower), turns, covariance, loose)
+        # The search is local, and so is what it says of a heading that is open: that may be anywhere.
+        open_ = self.heading_deg(name) > UNSEEN_DEG
+        (high, above), (low, below) = self.of(upper), self.of(lower)
+        spread = spread_deg(kind, side, (high[open_], above), (low[open_], below))
+        found[open_] = np.minimum(np.hypot(found[open_], spread), 180.0)
+        return found
 
     def heading_deg(self, name: str) -> Array:
         """(K,) standard deviation of the turn about the upright of a joint's one sensor against the other, degrees."""

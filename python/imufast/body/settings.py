@@ -94,7 +94,8 @@ class LowerBodySettings(Checked):
             Defaults 1.7 and 0.006, 3 degrees and 1 cm per radian of flexion over one radian in some direction; 0: rigid mounts.
         center_std_m: joint centres around what `track` finds, m; default 0.1.
         tail: degrees of freedom of Student's t for joints and hinges; inf: Gaussian. Default 5.
-        max_iterations: linear systems to solve. Default 60.
+        max_iterations: linear systems to solve. Default 120: ten to forty where the motion shows all headings, up to a hundred
+            where feet rest or samples are lost.
         window_s: recordings longer than 2.5 of these, recorded time, are solved in overlapping windows this long, s, with joint
             centres and knee axes from the most informative two windows' worth; large costs memory and forgets nothing.
             Default 120.
@@ -122,7 +123,7 @@ class LowerBodySettings(Checked):
     soft_tissue_m: float = 0.006
     center_std_m: float = 0.1
     tail: float = 5.0
-    max_iterations: int = 60
+    max_iterations: int = 120
     window_s: float = 120.0
     tolerance: float = 1e-3
 

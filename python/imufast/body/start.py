@@ -12,7 +12,7 @@ from imufast.body.layout import Layout
 from imufast.body.settings import Anthropometry
 from imufast.body.stance import STILL, Rests
 from imufast.calibrate import calibrate_joint
-from imufast.imu import Imu, Recording
+from imufast.imu import BREAK_STEPS, Imu, Recording
 from imufast.quaternion import conjugate, exp, matrix, multiply, rotate
 from imufast.track import RelativeOrientation, TrackStatus, track
 
@@ -21,6 +21,9 @@ __all__ = ["BodyStart", "JointStart", "joint_start"]
 Array = NDArray[np.float64]
 TILT_S = 10.0
 """Over so long to either side specific force is averaged to tell what is up, s: longer than any movement."""
+
+OPEN_DEG = 30.0
+"""Two sensors whose turn against each other is less certain than this do not show it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +97,7 @@ class BodyStart:
         self.q[:, 0] = _upright(imus[0], self.biases[0, 0])
         for name, (upper, lower) in layout.joints.items():
             self.q[:, lower] = multiply(self.q[:, upper], self.joints[name].rel.q_12)
+            self._face(name, recording)
         if before is not None:
             self.up: Array = before.up
             self.stood: bool = before.stood
@@ -101,6 +105,34 @@ class BodyStart:
         self.stood = False
         quiet = np.max([np.linalg.norm(imu.gyr, axis=1) for imu in imus], axis=0) < STILL
         self.up = self._mean_up(quiet if quiet.sum() >= recording.rate_hz else np.ones(len(quiet), dtype=bool))
+
+    def _face(self, name: str, recording: Recording) -> None:
+        """Between breaks where the two sensors of a joint do not show its heading: turns the lower one's stretch so that the
+        knee's axis points the same way in both, on average; of a hip or an ankle as it does where they do show it."""
+        upper, lower = self.layout.joints[name]
+        kind, _, side = name.partition("_")
+        certain = self.joints[name].rel.angle_std_deg < OPEN_DEG
+        knee = self.joints.get(f"knee_{side}")
+        if knee is None or certain.all() or (kind != "knee" and not certain.any()):
+            return
+
+        def right(sensor: int, axis: Array) -> Array:
+            return rotate(self.q[:, sensor], np.broadcast_to(axis, (len(certain), 3)))
+
+        # The lower segment of a hip is a thigh, the upper one of an ankle a shank: there the axis is known.
+        known = {"hip": [None, knee.axes[0]], "knee": [*knee.axes], "ankle": [knee.axes[1], None]}[kind]
+        pair = [right(sensor, axis) for sensor, axis in zip((upper, lower), known, strict=True) if axis is not None]
+        if kind != "knee":
+            other = upper if kind == "hip" else lower
+            usual = rotate(conjugate(self.q[certain, other]), pair[0][certain]).mean(axis=0)
+            pair.insert(0 if kind == "hip" else 1, right(other, usual))
+        breaks = np.flatnonzero(np.diff(recording.time_s) > BREAK_STEPS / recording.rate_hz) + 1
+        for rows in np.split(np.arange(len(certain)), breaks):
+            if not certain[rows].any():
+                high, low = ((axis[rows, :2] @ [1.0, 1.0j]).sum() for axis in pair)
+                half = 0.5 * np.angle(high * np.conj(low))
+                about_z = np.broadcast_to([np.cos(half), 0.0, 0.0, np.sin(half)], (len(rows), 4))
+                self.q[rows, lower] = multiply(about_z, self.q[rows, lower])
 
     def stand(self, rests: Rests, fit: _core.BodyFit) -> None:
         """Take the uprights from those rests in which the subject stands; where it never does, from all of the motion.

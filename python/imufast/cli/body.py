@@ -12,11 +12,11 @@ from rich.table import Table
 from rich.text import Text
 
 from imufast.body import BodyStatus, LowerBody, estimate_lower_body
-from imufast.body.layout import JOINTS, SIDES
+from imufast.body.layout import SIDES
 from imufast.body.placement import read_placement
 from imufast.cli import show
 from imufast.cli.outputs import Outputs, check_outputs
-from imufast.cli.reading import guard, offset_of, read_files, reading_options, told_after
+from imufast.cli.reading import guard, read_files, reading_options, told_after
 from imufast.errors import InputError
 from imufast.imu import Recording
 from imufast.io import write_angles
@@ -29,8 +29,6 @@ from imufast.settings import check_number
 __all__ = ["body"]
 
 NOT_OBSERVABLE, NOT_FINISHED = 3, 4
-OFFSET_S = 60.0
-"""So much of the recording is asked for a time offset, s: clocks that are apart are so from the start."""
 
 
 @click.command()
@@ -110,11 +108,6 @@ def body(
         lasts_s = float(recording.time_s[-1] - recording.time_s[0])
         if shown is not None and shown[1] > lasts_s + 1e-6:
             raise InputError(f"--span must lie within the recording, 0:{lasts_s:.6g}, got {span!r}")
-        with show.working("Time offsets between the sensors of the knees"):
-            late = _offsets(recording, sensors)
-        for text in late:
-            warned.append(text)
-            show.warning(text)
         duration = words.duration(lasts_s)
         with show.working(f"Lower body on {duration} of motion: each joint alone") as tell:
             found = estimate_lower_body(
@@ -135,18 +128,6 @@ def _exit_code(found: LowerBody) -> int:
     if found.status not in (BodyStatus.CONVERGED, BodyStatus.NOT_OBSERVABLE):
         return NOT_FINISHED
     return 0 if any(joint.determined for joint in found.joints.values()) else NOT_OBSERVABLE
-
-
-def _offsets(recording: Recording, sensors: dict[str, str]) -> list[str]:
-    """Sensors of a knee that are more than half a sample apart, one sentence each: of other joints no motion tells it."""
-    said = []
-    for upper, lower in (JOINTS[f"knee_{side}"] for side in SIDES):
-        if upper in sensors and lower in sensors:
-            first, second = (recording[sensors[name]] for name in (upper, lower))
-            first, second = (imu.between(imu.time_s[0], imu.time_s[0] + OFFSET_S) for imu in (first, second))
-            text = show.offset_warning(offset_of(first, second), first.name, second.name)
-            said += [text] if text else []
-    return said
 
 
 def _names(given: str | None, out: Path | None) -> dict[str, str] | None:

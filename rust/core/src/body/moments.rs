@@ -165,20 +165,43 @@ fn slope_rms(readings: &Readings<'_>, rows: &[Xyz]) -> f64 {
     ComplexField::sqrt(sum / f64::from(count.max(1)))
 }
 
-/// Variance that no smooth motion explains, of one channel of one sample: third differences (of white noise they have 20 times
-/// its variance) over the steps between two samples, as far as the stretch goes. Impacts and ringing straps are faster than
-/// samples follow: what lies between these is then known no better than they scatter.
+/// Variance that no smooth motion explains, of one channel of one sample: sixth differences over the steps between two samples,
+/// third ones where gaps leave no room for these, as far as the stretch goes. Impacts and ringing straps are faster than samples
+/// follow: what lies between these is then known no better than they scatter.
 fn scatter(readings: &Readings<'_>, rows: &[Xyz], from: usize, to: usize, stretch: (usize, usize)) -> f64 {
-    let (low, high) = (from.saturating_sub(1).max(stretch.0), (to + 2).min(stretch.1));
+    let sixth = differences(readings, rows, (from, to), stretch, &[1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0]);
+    sixth.or_else(|| differences(readings, rows, (from, to), stretch, &[1.0, -3.0, 3.0, -1.0])).unwrap_or(0.0)
+}
+
+/// Mean square of differences over ordinary steps, of one channel, over that of white noise of variance 1; None where there are
+/// not so many ordinary steps in a row.
+fn differences(
+    readings: &Readings<'_>,
+    rows: &[Xyz],
+    (from, to): (usize, usize),
+    stretch: (usize, usize),
+    weights: &[f64],
+) -> Option<f64> {
+    let (steps, reach) = (weights.len() - 1, weights.len() / 2);
+    let (low, high) = ((from + 1).saturating_sub(reach).max(stretch.0), (to + reach).min(stretch.1));
+    let white: f64 = weights.iter().map(|w| w * w).sum();
     let (mut sum, mut count) = (0.0, 0_u32);
-    for (four, t) in rows[low..high].windows(4).zip(readings.time_s[low..high].windows(4)) {
-        if t[3] - t[0] < 3.5 * readings.step_s {
-            let [a, b, c, d] = [0, 1, 2, 3].map(|n| vector(&four[n]));
-            sum += (d - a - (c - b) * 3.0).norm_squared() / (3.0 * 20.0);
+    for (some, t) in rows[low..high].windows(weights.len()).zip(readings.time_s[low..high].windows(weights.len())) {
+        if t[steps] - t[0] < (steps as f64 + 0.5) * readings.step_s {
+            let difference: Vector3<f64> = some.iter().zip(weights).map(|(row, weight)| vector(row) * *weight).sum();
+            sum += difference.norm_squared() / (3.0 * white);
             count += 1;
         }
     }
-    sum / f64::from(count.max(1))
+    (count > 0).then(|| sum / f64::from(count))
+}
+
+/// Whether the step from a sample to the next has ordinary ones on both sides.
+fn curved(readings: &Readings<'_>, n: usize, stretch: (usize, usize)) -> bool {
+    n > stretch.0 && n + 2 < stretch.1 && {
+        let t = &readings.time_s[n - 1..n + 3];
+        t.windows(2).all(|pair| (pair[1] - pair[0] - readings.step_s).abs() < 0.1 * readings.step_s)
+    }
 }
 
 /// Mean rate around a sample, within its stretch.
@@ -220,6 +243,10 @@ fn integrate(
     for n in from..to {
         let dt = readings.time_s[n + 1] - readings.time_s[n];
         let mean = |rows: &[Xyz]| match readings.sampling {
+            // The cubic through four samples.
+            Sampling::Instant if curved(readings, n, stretch) => {
+                ((vector(&rows[n]) + vector(&rows[n + 1])) * 13.0 - vector(&rows[n - 1]) - vector(&rows[n + 2])) / 24.0
+            }
             Sampling::Instant => 0.5 * (vector(&rows[n]) + vector(&rows[n + 1])),
             Sampling::Interval => vector(&rows[n]),
         };
@@ -229,7 +256,13 @@ fn integrate(
             miss * miss / (3.0 * dt)
         };
         let wider = |std: f64, scatter: f64, rough: f64| ComplexField::sqrt((std * std).max(scatter * dt) + missed(rough));
-        let step = Step { dt, gyr: mean(gyr), acc: mean(acc) };
+        let mut step = Step { dt, gyr: mean(gyr), acc: mean(acc) };
+        if readings.sampling == Sampling::Instant {
+            // The axis turns within the step, and the force with it: coning and sculling (Savage 1998) of linear rate and force.
+            let [r0, r1, f0, f1] = [gyr[n], gyr[n + 1], acc[n], acc[n + 1]].map(Vector3::from);
+            step.gyr += r0.cross(&r1) * (dt / 12.0);
+            step.acc += (r0.cross(&f1) + f0.cross(&r1)) * (dt / 12.0);
+        }
         let (gyr_std, acc_std) = (wider(noise.gyr, rough_gyr, roughness[0]), wider(noise.acc, rough_acc, roughness[1]));
         pre.push(&step, gyr_std, acc_std, noise.position);
     }
@@ -268,5 +301,33 @@ mod tests {
         assert!(scatter(&readings(&time_s, &step), &step, 0, 3999, (0, 4000)) < 1e-12);
         assert!(scatter(&readings(&time_s, &step), &step, 0, 1990, (0, 2000)) < 1e-12);
         assert_eq!(scatter(&readings(&time_s, &step), &step, 0, 1, (0, 2)), 0.0);
+    }
+
+    #[test]
+    fn few_samples_give_the_motion_between_them() {
+        // A leg that swings and twists, twice a second, by 25 samples a second and by 2000.
+        let swing = |t: f64| {
+            let (s, c) = (ComplexField::sin(12.0 * t), ComplexField::cos(12.0 * t));
+            [[4.0 * s, 3.0 * c, 1.0 + s * c], [2.0 * c, 9.8 + 5.0 * s, 4.0 * c]]
+        };
+        let made = |rate: u32, samples: usize, from: usize| {
+            let time_s: Vec<f64> = (0..).take(from + samples + 4).map(|n: u32| f64::from(n) / f64::from(rate)).collect();
+            let rows: Vec<[Xyz; 2]> = time_s.iter().map(|t| swing(*t)).collect();
+            let (turns, forces): (Vec<Xyz>, Vec<Xyz>) = rows.iter().map(|[g, a]| (*g, *a)).unzip();
+            let step_s = 1.0 / f64::from(rate);
+            let readings =
+                Readings { time_s: &time_s, gyr: vec![&turns], acc: vec![&forces], step_s, sampling: Sampling::Instant };
+            let spacing = Spacing { key_samples: samples, rate_samples: 0, bridge_s: 0.3 };
+            let [gyr_walk, acc_walk, rate, gyr_bias, acc_bias, center, gauge] = [1e-3; 7];
+            let [gyr, acc, position, tail] = [1e-3, 1e-3, 1e-4, 5.0];
+            let noise = Noise { gyr, acc, position, gyr_walk, acc_walk, rate, gyr_bias, acc_bias, center, gauge, tail };
+            integrate(&readings, 0, from, (0, time_s.len()), &spacing, &[Vector3::zeros(); 2], &noise, [0.0; 2])
+        };
+        let (few, many) = (made(25, 5, 5), made(2000, 400, 400));
+        // Trapezoids alone are off by 0.017 and 0.005 m/s.
+        let off = few.turn.tr_mul(&many.turn) - nalgebra::Matrix3::identity();
+        assert!(off.norm() < 2e-3, "{}", off.norm());
+        let off = few.velocity - many.velocity;
+        assert!(off.norm() < 2e-3, "{}", off.norm());
     }
 }

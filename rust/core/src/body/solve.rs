@@ -71,6 +71,9 @@ const SLIGHT: f64 = 1e-2;
 const LEAST: f64 = 1e-8;
 const MOST: f64 = 1e12;
 const RELATIVE: f64 = 1e-6;
+/// A step that gains so many times its promise is tried longer, by up to so much.
+const MORE: f64 = 1.2;
+const LONGEST: f64 = 64.0;
 /// A step must keep this share of its promise.
 const SHARE: f64 = 1e-3;
 
@@ -105,18 +108,21 @@ pub fn minimise(problem: &Problem<'_>, state: State, descent: &Descent, watch: &
             continue;
         };
         let mut tried = problem.cost(&next);
-        // Where the cost bends more than its quadratic model (lengths that contradict the joints, heavy tails), full steps leap
-        // from side to side: the parabola through the slope and both costs says how far to go. What climbs by more than was
-        // promised is the valley's bend, not this.
+        // The parabola through the slope and both costs says how far to go where the quadratic model does not. Where the cost
+        // bends more than that (lengths that contradict the joints, heavy tails), full steps leap from side to side; what climbs
+        // by more than was promised is the valley's bend, not this. Along the valley's floor it bends less, and full steps creep.
         let (bend, climb) = (tried - cost + slope, tried - cost);
-        if ahead.is_none() && climb > -0.3 * promised && climb < promised && bend > 0.0 {
-            let share = 0.5 * slope / bend;
+        let (creeps, leaps) = (climb < -MORE * promised, climb > -0.3 * promised && climb < promised && bend > 0.0);
+        let mut share = if 0.5 * slope < LONGEST * bend { 0.5 * slope / bend } else { LONGEST };
+        while ahead.is_none() && (creeps || leaps) && share <= LONGEST {
             let scaled = |v: &[f64]| -> Vec<f64> { v.iter().map(|v| share * v).collect() };
-            let shorter = from.moved(model, &scaled(&steps), &scaled(&border));
-            let cost = problem.cost(&shorter);
-            if cost < tried {
-                (next, tried) = (shorter, cost);
+            let other = from.moved(model, &scaled(&steps), &scaled(&border));
+            let cost = problem.cost(&other);
+            if cost >= tried {
+                break;
             }
+            (next, tried) = (other, cost);
+            share *= if creeps { 2.0 } else { f64::INFINITY };
         }
         let second = ahead.take();
         let promised_before = second.as_ref().map_or(promised, |(_, first, _)| *first);
@@ -145,7 +151,8 @@ pub fn minimise(problem: &Problem<'_>, state: State, descent: &Descent, watch: &
             if slight && -fall < above {
                 ahead = Some((next, promised_before, -fall));
             } else {
-                damping *= growth;
+                // Less than that would hardly change the step.
+                damping = (damping * growth).max(SLIGHT);
                 growth *= 2.0;
                 if damping > MOST {
                     break Status::Stalled;
