@@ -113,8 +113,7 @@ def _part(recording: Recording, pieces: Recording | None, ask: Ask) -> LowerBody
     if pieces is not None:
         return through_windows(recording, pieces, ask)
     found = solve(recording, ask, BodyStart(recording, ask.layout), "whole")
-    reading = Reading(recording, ask.layout, ask.anthropometry, found.start, found.rows, found.fit, ask.settings)
-    return reading.read(found.history, list(found.why))
+    return Reading(found, ask).read(found.history, list(found.why))
 
 
 def _unseen(found: LowerBody, why: list[str]) -> LowerBody:

@@ -5,18 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from imufast import _core
 from imufast.body.anatomy import frames
 from imufast.body.bands import MCGRATH, angles_deg, between, pelvis_deg, pelvis_std_deg, std_deg
-from imufast.body.layout import SIDES, Layout
+from imufast.body.layout import SIDES
 from imufast.body.problem import center_std_m
 from imufast.body.residuals import residuals
 from imufast.body.result import UNSEEN_DEG, BodyJoint, BodyStatus, LowerBody
-from imufast.body.settings import Anthropometry, LowerBodySettings
+from imufast.body.solve import Ask, Solved
 from imufast.body.stance import Rests
-from imufast.body.start import BodyStart
 from imufast.frames import STANDING_STD_DEG, spanned, turns_by
-from imufast.imu import Recording
 from imufast.quaternion import from_matrix, matrix, multiply
 from imufast.track import UNKNOWN_DEG
 
@@ -41,19 +38,13 @@ UNLIKELY = 5.0
 class Reading:
     """A fit beside what it was made from; `known`: frames (sensor to (3, 3), segment to sensor) found elsewhere."""
 
-    def __init__(
-        self,
-        recording: Recording,
-        layout: Layout,
-        anthropometry: Anthropometry,
-        start: BodyStart,
-        rows: Rows,
-        fit: _core.BodyFit,
-        settings: LowerBodySettings,
-        known: dict[int, Array] | None = None,
-    ) -> None:
-        self.recording, self.layout, self.anthropometry, self.start = recording, layout, anthropometry, start
-        self.rows, self.fit, self.turned = rows, fit, matrix(fit.q)
+    def __init__(self, solved: Solved, ask: Ask, known: dict[int, Array] | None = None) -> None:
+        layout, fit, settings = ask.layout, solved.fit, ask.settings
+        self.recording, self.start, self.rows, self.fit = solved.recording, solved.start, solved.rows, fit
+        self.layout, self.anthropometry, self.turned, start = layout, ask.anthropometry, matrix(fit.q), solved.start
+        self.tissue, self.driven = solved.tissue, solved.driven
+        self.q_bones = multiply(fit.q, self.tissue.seats(fit.skins, self.driven, len(layout.segments)))
+        self.bones = matrix(self.q_bones)
         self.settings = settings
         self.measured = set(frames(layout, fit.centers, fit.axes, start.up))
         self.frames = self.all_frames() if known is None else known
@@ -105,7 +96,7 @@ class Reading:
             why=tuple(why),
             q={segment: fit.q[:, k] for k, segment in enumerate(layout.segments)},
             q_segment={
-                segment: multiply(fit.q[:, k], np.broadcast_to(from_matrix(found[k] @ MCGRATH), (len(turned), 4)))
+                segment: multiply(self.q_bones[:, k], np.broadcast_to(from_matrix(found[k] @ MCGRATH), (len(turned), 4)))
                 for k, segment in enumerate(layout.segments)
                 if k in found
             },
@@ -143,8 +134,8 @@ class Reading:
             weight = 1.0 / (1.0 + np.minimum(heading[rows], UNKNOWN_DEG) ** 2)
             for known, open_ in ((upper, lower), (lower, upper)):
                 if known in found and open_ not in found:
-                    right = self.turned[rows, known] @ found[known][:, 2]
-                    across = np.swapaxes(self.turned[rows, open_], 1, 2) @ right[:, :, None]
+                    right = self.bones[rows, known] @ found[known][:, 2]
+                    across = np.swapaxes(self.bones[rows, open_], 1, 2) @ right[:, :, None]
                     found[open_] = spanned("proximal", self.start.up[open_], "right", weight @ across[:, :, 0]).T
         return found
 
@@ -157,8 +148,8 @@ class Reading:
                 # How far both sensors see the axis apart is soft tissue, too, or what no hinge does; on which of them it moves
                 # nothing shows, and neither what it does about the axis: as much as in the quieter direction across it.
                 j = self.layout.names.index(name)
-                apart = self.turned[:, upper] @ self.fit.axes[j, 0] - self.turned[:, lower] @ self.fit.axes[j, 1]
-                front, up, _ = ((apart[:, None] @ self.turned[:, upper])[:, 0] @ self.frames[upper]).T
+                apart = self.bones[:, upper] @ self.fit.axes[j, 0] - self.bones[:, lower] @ self.fit.axes[j, 1]
+                front, up, _ = ((apart[:, None] @ self.bones[:, upper])[:, 0] @ self.frames[upper]).T
                 about_front, about_up = np.degrees(1.0) ** 2 * np.array([np.mean(up**2), np.mean(front**2)])
                 for k in (upper, lower):
                     found[k] += np.array([about_front, about_up, min(about_front, about_up)])
@@ -182,11 +173,11 @@ class Reading:
         return np.flatnonzero(stands if stands.any() else fast <= np.percentile(fast, 10))
 
     def of(self, sensor: int) -> tuple[Array, Array]:
-        """(K, 3, 3) sensor to world and (3, 3) segment to sensor."""
-        return self.turned[:, sensor], self.frames[sensor]
+        """(K, 3, 3) sensor as it would sit in the zero posture to world, and (3, 3) segment to that."""
+        return self.bones[:, sensor], self.frames[sensor]
 
     def turns_of_frames(self) -> dict[int, Array]:
-        """Sensor to (3, C): the small rotation of its segment's frame, in its own axes, by the body's constants."""
+        """Sensor to (K, 3, C): the small rotation of its segment's frame, in its own axes, by the body's constants."""
         layout, fit = self.layout, self.fit
         if fit.constants_covariance is None:
             return {}
@@ -206,7 +197,13 @@ class Reading:
 
         count = len(fit.constants_covariance)
         turns = turns_by(rows, rows(np.zeros(count)), count)
-        return dict(zip(self.frames, turns, strict=True))
+        found = {k: np.repeat(turn[None], len(self.rows), axis=0) for k, turn in zip(self.frames, turns, strict=True)}
+        for n, skin in enumerate(self.tissue.skins):
+            if skin.sensor in found:
+                # To first order the turn of the skin moves the bone as it moves itself.
+                at = count - 6 * (len(self.tissue.skins) - n)
+                found[skin.sensor][:, :, at : at + 3] += self.driven[:, n, :1, None] * self.frames[skin.sensor].T
+        return found
 
     def bands(self, name: str) -> Array:
         """(K, 3) standard deviations of a joint's angles, degrees."""

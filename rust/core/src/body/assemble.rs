@@ -7,13 +7,15 @@ use super::{
     band::{Band, triangle, upper},
     factors::{
         axes_agree, axis_angle, gauge::Gauge, hinge, imu, joint_center, length_difference, length_limits, segment_length,
+        skin::Seat,
     },
     loss::Loss,
-    model::{LIMITS, Model, Seen},
+    model::{LIMITS, Model, Seen, Skin},
     moments::Moments,
     states::{ACC_BIAS, GYR_BIAS, POSITION, State, TURN, UNKNOWNS, VELOCITY},
     tiles::{N, Row, Tile, add},
 };
+use crate::so3::tangent_basis;
 
 /// What the posterior is made of, but the unknowns.
 #[derive(Clone, Debug)]
@@ -29,6 +31,8 @@ pub struct Problem<'a> {
     /// Where other data have said what the constants are: their covariance, by rows. They are then held, and only how uncertain
     /// they are enters the uncertainty of all else (Schmidt 1966).
     pub held: Option<Vec<f64>>,
+    /// Angle and rate of each skin at each moment, moment by moment, rad and rad/s.
+    pub drives: Vec<[f64; 2]>,
 }
 
 /// Information that holds a constant, 1/m² and 1/rad².
@@ -38,9 +42,10 @@ const HELD: f64 = 1e18;
 /// Damping is measured by them. The diagonal of the system would not do: a chain hardly resists moving as a whole, however stiff
 /// each of its ties.
 const SCALES: [f64; 5] = [0.3, 1.0, 1.0, 0.01, 0.1];
-/// Likewise of joint centres, m, and axes, rad.
+/// Likewise of joint centres, m, axes, rad, and skins, rad/rad and m/rad.
 const CENTER_SCALE: f64 = 0.1;
 const AXIS_SCALE: f64 = 0.3;
+const SKIN_SCALES: [f64; 2] = [0.1, 0.03];
 /// Rows of one joint at most: centre, hinge from both sides, both axes.
 const ROWS: usize = 12;
 
@@ -55,6 +60,26 @@ impl Problem<'_> {
             centers: start.centers.clone(),
             gauges: begin.map(|k| (k, Gauge::of(&start.motions[k * sensors]))).collect(),
             held: None,
+            drives: vec![[0.0; 2]; moments.len() * model.skins.len()],
+        }
+    }
+
+    /// How a sensor sits on its bone at moment k.
+    fn seat(&self, sensor: usize, k: usize, state: &State) -> Seat {
+        let drives = &self.drives[k * self.model.skins.len()..];
+        let own = |(skin, _): &(&Skin, _)| skin.sensor == sensor;
+        Seat::new(self.model.skins.iter().zip(state.skins.iter().zip(drives)).filter(own).map(|(_, moved)| moved))
+    }
+
+    /// Usual size of a step of a constant.
+    fn scale(&self, place: usize) -> f64 {
+        let (axes, skins) = (6 * self.model.joints.len(), self.model.skin_at(0));
+        if place < axes {
+            CENTER_SCALE
+        } else if place < skins {
+            AXIS_SCALE
+        } else {
+            SKIN_SCALES[(place - skins) / 3 % 2]
         }
     }
 
@@ -133,18 +158,21 @@ impl Problem<'_> {
         let sensors = self.model.sensors;
         for (j, joint) in self.model.joints.iter().enumerate() {
             let [a, b] = joint.sensors.map(|s| &state.motions[k * sensors + s]);
-            let [rate_a, rate_b] = joint.sensors.map(|s| &self.moments.rates[k * sensors + s]);
-            let center = joint_center::residual(a, b, &state.centers[j]);
+            let seats = joint.sensors.map(|s| self.seat(s, k, state));
+            let centers = [0, 1].map(|side| seats[side].point(&state.centers[j][side]));
+            let center = joint_center::residual(a, b, &centers);
             let mut terms = [Term { square: center.component_div(&Vector3::from(joint.center_std)).norm_squared() }; 4];
             let mut count = 1;
             if let Some(std) = joint.hinge_std {
                 let precision = 1.0 / self.hinge_variance(std);
-                let axes = &state.axes[j];
-                terms[1].square = precision * hinge::residual(a, b, [rate_a, rate_b], &axes[0]).norm_squared();
-                terms[2].square = precision * hinge::residual(b, a, [rate_b, rate_a], &axes[1]).norm_squared();
+                let axes = [0, 1].map(|side| seats[side].direction(&state.axes[j][side]));
+                let [rate_a, rate_b] =
+                    [0, 1].map(|side| self.moments.rates[k * sensors + joint.sensors[side]] + seats[side].rate);
+                terms[1].square = precision * hinge::residual(a, b, [&rate_a, &rate_b], &axes[0]).norm_squared();
+                terms[2].square = precision * hinge::residual(b, a, [&rate_b, &rate_a], &axes[1]).norm_squared();
                 count = 3;
                 if let Some(std) = joint.axes_std {
-                    terms[3].square = axes_agree::residual(a, b, axes).norm_squared() / (std * std);
+                    terms[3].square = axes_agree::residual(a, b, &axes).norm_squared() / (std * std);
                     count = 4;
                 }
             }
@@ -172,9 +200,8 @@ impl Problem<'_> {
                 corner[upper(i / N, gradient_tile)].0[i % N][gradient_column] += weight * u * e;
             }
         });
-        let axes = 6 * self.model.joints.len();
         for i in 0..constants {
-            let scale = if i < axes { CENTER_SCALE } else { AXIS_SCALE };
+            let scale = self.scale(i);
             corner[upper(i / N, i / N)].0[i % N][i % N] += damping / (scale * scale);
         }
         // What is open shall not stop the elimination: nothing is known of a joint centre beyond a kilometre.
@@ -186,13 +213,11 @@ impl Problem<'_> {
     /// `δᵀ D δ` of the damping D.
     pub fn damped(&self, damping: f64, steps: &[f64], border: &[f64]) -> f64 {
         let scaled = |v: f64, scale: f64| v * v / (scale * scale);
-        let axes = 6 * self.model.joints.len();
         let nodes: f64 = steps
             .chunks_exact(N)
             .map(|step| step[..UNKNOWNS].iter().enumerate().map(|(a, v)| scaled(*v, SCALES[a / 3])).sum::<f64>())
             .sum();
-        let constants: f64 =
-            border.iter().enumerate().map(|(i, v)| scaled(*v, if i < axes { CENTER_SCALE } else { AXIS_SCALE })).sum();
+        let constants: f64 = border.iter().enumerate().map(|(i, v)| scaled(*v, self.scale(i))).sum();
         damping * (nodes + constants)
     }
 
@@ -305,7 +330,17 @@ impl Problem<'_> {
         let (a, b) = (&state.motions[k * s + ia], &state.motions[k * s + ib]);
         let mut rows = Rows::new(band.wide, gradient_tile, gradient_column);
 
-        let center = joint_center::linearised(a, b, &state.centers[j]);
+        let seats = joint.sensors.map(|s| self.seat(s, k, state));
+        let drives = &self.drives[k * model.skins.len()..];
+        // What moves the skin of either sensor: its place in the border, angle and rate.
+        let skins = |side: usize| {
+            let own = move |(_, (skin, _)): &(usize, (&Skin, &[f64; 2]))| skin.sensor == joint.sensors[side];
+            let all = model.skins.iter().zip(drives).enumerate().filter(own);
+            all.map(|(n, (_, [angle, speed]))| (model.skin_at(n), *angle, *speed))
+        };
+
+        let centers = [0, 1].map(|side| seats[side].point(&state.centers[j][side]));
+        let center = joint_center::linearised(a, b, &centers);
         let inverse = Vector3::from(joint.center_std).map(|std| 1.0 / std);
         let (bent, residual) = loss.bend(&center.residual.component_mul(&inverse));
         let white = bent * Matrix3::from_diagonal(&inverse);
@@ -313,17 +348,26 @@ impl Problem<'_> {
         for (side, sign) in [(0, 1.0), (1, -1.0)] {
             rows.put(side, TURN, &(white * center.turns[side] * [a, b][side].turn.transpose()));
             rows.put(side, POSITION, &(white * sign));
-            rows.put_wide(model.center_at(j, side), &(white * center.centers[side]));
+            let by_center = white * center.centers[side];
+            rows.put_wide(model.center_at(j, side), &(by_center * seats[side].turn));
+            let by_turn = by_center * seats[side].by_turn(&seats[side].direction(&state.centers[j][side]));
+            for (at, angle, _) in skins(side) {
+                rows.put_wide(at, &(by_turn * angle));
+                rows.put_wide(at + 3, &(by_center * angle));
+            }
         }
         if let Some(std) = joint.hinge_std {
-            let axes = &state.axes[j];
-            let [rate_a, rate_b] = joint.sensors.map(|i| &self.moments.rates[k * s + i]);
+            let axes = [0, 1].map(|side| seats[side].direction(&state.axes[j][side]));
+            // An axis by its step, and by the turn of the skin.
+            let by_step = [0, 1].map(|side| seats[side].turn * tangent_basis(&state.axes[j][side]));
+            let by_turn = [0, 1].map(|side| seats[side].by_turn(&axes[side]));
+            let [rate_a, rate_b] = [0, 1].map(|side| self.moments.rates[k * s + joint.sensors[side]] + seats[side].rate);
             let precision = 1.0 / self.hinge_variance(std);
             for side in 0..2 {
                 let one = if side == 0 {
-                    hinge::linearised(a, b, [rate_a, rate_b], &axes[0])
+                    hinge::linearised(a, b, [&rate_a, &rate_b], &axes[0])
                 } else {
-                    hinge::linearised(b, a, [rate_b, rate_a], &axes[1])
+                    hinge::linearised(b, a, [&rate_b, &rate_a], &axes[1])
                 };
                 let scale = ComplexField::sqrt(precision);
                 let (bent, residual) = loss.bend(&(one.residual * scale));
@@ -331,18 +375,25 @@ impl Problem<'_> {
                 rows.open(&residual);
                 for (n, place) in [side, 1 - side].into_iter().enumerate() {
                     rows.put(place, TURN, &(white * one.turns[n] * [a, b][place].turn.transpose()));
-                    rows.put(place, GYR_BIAS, &(white * one.biases[n]));
+                    let by_bias = white * one.biases[n];
+                    rows.put(place, GYR_BIAS, &by_bias);
+                    // A bias lowers the rate, a turning skin raises it.
+                    skins(place).for_each(|(at, _, speed)| rows.put_wide(at, &(by_bias * -speed)));
                 }
-                rows.put_pair(model.axis_at(j, side), &(white * one.axis));
+                let by_axis = white * one.axis;
+                rows.put_pair(model.axis_at(j, side), &(by_axis * by_step[side]));
+                skins(side).for_each(|(at, angle, _)| rows.put_wide(at, &(by_axis * by_turn[side] * angle)));
             }
             if let Some(std) = joint.axes_std {
-                let both = axes_agree::linearised(a, b, axes);
+                let both = axes_agree::linearised(a, b, &axes);
                 let (bent, residual) = loss.bend(&(both.residual / std));
                 let white = bent / std;
                 rows.open(&residual);
                 for side in 0..2 {
                     rows.put(side, TURN, &(white * both.turns[side] * [a, b][side].turn.transpose()));
-                    rows.put_pair(model.axis_at(j, side), &(white * both.axes[side]));
+                    let by_axis = white * both.axes[side];
+                    rows.put_pair(model.axis_at(j, side), &(by_axis * by_step[side]));
+                    skins(side).for_each(|(at, angle, _)| rows.put_wide(at, &(by_axis * by_turn[side] * angle)));
                 }
             }
         }
@@ -390,6 +441,12 @@ impl Problem<'_> {
                 by_bone(&mut row, bone, by);
             }
             take(e, difference.std, &row);
+        }
+        for (n, (skin, [turn, shift])) in model.skins.iter().zip(&state.skins).enumerate() {
+            for c in 0..3 {
+                take(turn[c], skin.turn_std, &[(model.skin_at(n) + c, 1.0)]);
+                take(shift[c], skin.shift_std, &[(model.skin_at(n) + 3 + c, 1.0)]);
+            }
         }
         if model.noise.center.is_finite() {
             for (j, (now, before)) in state.centers.iter().zip(&self.centers).enumerate() {

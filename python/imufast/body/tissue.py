@@ -1,0 +1,99 @@
+"""Soft tissue: how skin and straps turn and shift a sensor on its bone in step with the movement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imufast.body.layout import Layout
+from imufast.body.settings import LowerBodySettings
+from imufast.quaternion import conjugate, exp, multiply, rotate
+
+__all__ = ["Skin", "Tissue", "skins"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Skin:
+    """What moves a thigh's or shank's sensor on its bone in proportion to the flexion of a joint at that bone.
+
+    Attributes:
+        sensor: its number.
+        pair: the numbers of the two sensors whose joint it is that bends.
+        axis: joint and side of the knee axis about which it bends, in the lower one of them.
+    """
+
+    sensor: int
+    pair: tuple[int, int]
+    axis: tuple[int, int]
+
+
+def skins(layout: Layout, settings: LowerBodySettings) -> list[Skin]:
+    """A thigh answers to its knee and its hip, a shank to its knee; none where sensors are taken to sit on bone."""
+    if settings.soft_tissue_deg == 0.0 and settings.soft_tissue_m == 0.0:
+        return []
+    found: list[Skin] = []
+    for name, pair in layout.joints.items():
+        kind, _, side = name.partition("_")
+        if kind == "knee":
+            found += [Skin(sensor, pair, (layout.names.index(name), 1)) for sensor in pair]
+        elif kind == "hip" and f"knee_{side}" in layout.joints:
+            found.append(Skin(pair[1], pair, (layout.names.index(f"knee_{side}"), 0)))
+    return found
+
+
+class Tissue:
+    """The skins of a body and the postures that their angles count from.
+
+    Args:
+        moved: what `skins` gives.
+        q: (K, S, 4) sensors to the world: the average of these is zero.
+    """
+
+    def __init__(self, moved: list[Skin], q: Array) -> None:
+        self.skins = moved
+        self.zero = [_mean(_relative(q, skin)) for skin in moved]
+
+    def drives(self, q: Array, axes: Array, rates: Array) -> Array:
+        """(K, T, 2) flexion of the joint that drives each skin, rad, and its rate, rad/s: the twist of its lower sensor against
+        the upper one about the knee's axis.
+
+        Args:
+            q: (K, S, 4) sensors to the world.
+            axes: (J, 2, 3) knee axes.
+            rates: (K, S, 3) of the sensors, rad/s.
+        """
+        found = np.zeros((len(q), len(self.skins), 2))
+        for n, (skin, zero) in enumerate(zip(self.skins, self.zero, strict=True)):
+            (upper, lower), axis, relative = skin.pair, axes[skin.axis], _relative(q, skin)
+            off = multiply(np.broadcast_to(conjugate(zero), relative.shape), relative)
+            found[:, n, 0] = np.mod(2.0 * np.arctan2(off[:, 1:] @ axis, off[:, 0]) + np.pi, 2.0 * np.pi) - np.pi
+            found[:, n, 1] = (rates[:, lower] - rotate(conjugate(relative), rates[:, upper])) @ axis
+        return found
+
+    def seats(self, state: Array, driven: Array, sensors: int) -> Array:
+        """(K, S, 4) each sensor as it would sit in the zero posture, to how it sits.
+
+        Args:
+            state: (T, 2, 3) turn (rad/rad) and shift (m/rad) of each skin.
+            driven: (K, T, 2) as `drives` gives.
+            sensors: their number S.
+        """
+        turn = np.zeros((len(driven), sensors, 3))
+        for n, skin in enumerate(self.skins):
+            turn[:, skin.sensor] += driven[:, n, :1] * state[n, 0]
+        return exp(turn)
+
+
+def _relative(q: Array, skin: Skin) -> Array:
+    upper, lower = skin.pair
+    return multiply(conjugate(q[:, upper]), q[:, lower])
+
+
+def _mean(q: Array) -> Array:
+    """(4,) of unit quaternions (K, 4), whatever their signs."""
+    mean: Array = np.linalg.eigh(q.T @ q)[1][:, -1]
+    return mean
