@@ -148,7 +148,7 @@ class Reading:
                 # How far both sensors see the axis apart is soft tissue, too, or what no hinge does; on which of them it moves
                 # nothing shows, and neither what it does about the axis: as much as in the quieter direction across it.
                 j = self.layout.names.index(name)
-                apart = self.bones[:, upper] @ self.fit.axes[j, 0] - self.bones[:, lower] @ self.fit.axes[j, 1]
+                apart = self.turned[:, upper] @ self.fit.axes[j, 0] - self.turned[:, lower] @ self.fit.axes[j, 1]
                 front, up, _ = ((apart[:, None] @ self.bones[:, upper])[:, 0] @ self.frames[upper]).T
                 about_front, about_up = np.degrees(1.0) ** 2 * np.array([np.mean(up**2), np.mean(front**2)])
                 for k in (upper, lower):
@@ -202,7 +202,7 @@ class Reading:
             if skin.sensor in found:
                 # To first order the turn of the skin moves the bone as it moves itself.
                 at = count - 6 * (len(self.tissue.skins) - n)
-                found[skin.sensor][:, :, at : at + 3] += self.driven[:, n, :1, None] * self.frames[skin.sensor].T
+                found[skin.sensor][:, :, at : at + 3] += self.driven[:, n, :, None] * self.frames[skin.sensor].T
         return found
 
     def bands(self, name: str) -> Array:

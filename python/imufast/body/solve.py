@@ -45,7 +45,7 @@ class Solved:
         rows: (K,) the samples of its moments.
         fit: what it found.
         tissue: how the sensors sit on their bones.
-        driven: (K, T, 2) what moved them there.
+        driven: (K, T, 1) what moved them there.
         history: (T, 5) of its linear systems.
         why: what the reader should know.
     """
@@ -97,7 +97,7 @@ def solve(recording: Recording, ask: Ask, start: BodyStart, stage: str, held: So
         "skins": still,
     }
     covariance = None if held is None else held.fit.constants_covariance
-    driven = tissue.drives(q, axes, graph.rates)
+    driven = tissue.drives(q, axes)
     fit = _search(graph, state, driven, ask, stage, covariance)
     why: list[str] = []
     history = [fit.trials]
@@ -106,7 +106,7 @@ def solve(recording: Recording, ask: Ask, start: BodyStart, stage: str, held: So
         if not np.array_equal(again, fit.axes):
             # An axis that pointed to the left has pushed the knee's centre aside: search once more.
             state = {name: getattr(fit, name) for name in STATE} | {"axes": again, "skins": still}
-            driven = tissue.drives(fit.q, again, graph.rates)
+            driven = tissue.drives(fit.q, again)
             fit = _search(graph, state, driven, ask, stage, None)
             history.append(fit.trials)
             why.append("a knee's axis was turned round and the search repeated")

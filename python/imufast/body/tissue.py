@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from imufast.body.layout import Layout
 from imufast.body.settings import LowerBodySettings
-from imufast.quaternion import conjugate, exp, multiply, rotate
+from imufast.quaternion import conjugate, exp, multiply
 
 __all__ = ["Skin", "Tissue", "skins"]
 
@@ -57,21 +57,19 @@ class Tissue:
         self.skins = moved
         self.zero = [_mean(_relative(q, skin)) for skin in moved]
 
-    def drives(self, q: Array, axes: Array, rates: Array) -> Array:
-        """(K, T, 2) flexion of the joint that drives each skin, rad, and its rate, rad/s: the twist of its lower sensor against
-        the upper one about the knee's axis.
+    def drives(self, q: Array, axes: Array) -> Array:
+        """(K, T, 1) flexion of the joint that moves each skin, rad: the twist of its lower sensor against the upper one about the
+        knee's axis.
 
         Args:
             q: (K, S, 4) sensors to the world.
             axes: (J, 2, 3) knee axes.
-            rates: (K, S, 3) of the sensors, rad/s.
         """
-        found = np.zeros((len(q), len(self.skins), 2))
+        found = np.zeros((len(q), len(self.skins), 1))
         for n, (skin, zero) in enumerate(zip(self.skins, self.zero, strict=True)):
-            (upper, lower), axis, relative = skin.pair, axes[skin.axis], _relative(q, skin)
+            relative = _relative(q, skin)
             off = multiply(np.broadcast_to(conjugate(zero), relative.shape), relative)
-            found[:, n, 0] = np.mod(2.0 * np.arctan2(off[:, 1:] @ axis, off[:, 0]) + np.pi, 2.0 * np.pi) - np.pi
-            found[:, n, 1] = (rates[:, lower] - rotate(conjugate(relative), rates[:, upper])) @ axis
+            found[:, n, 0] = np.mod(2.0 * np.arctan2(off[:, 1:] @ axes[skin.axis], off[:, 0]) + np.pi, 2.0 * np.pi) - np.pi
         return found
 
     def seats(self, state: Array, driven: Array, sensors: int) -> Array:
@@ -79,12 +77,12 @@ class Tissue:
 
         Args:
             state: (T, 2, 3) turn (rad/rad) and shift (m/rad) of each skin.
-            driven: (K, T, 2) as `drives` gives.
+            driven: (K, T, 1) as `drives` gives.
             sensors: their number S.
         """
         turn = np.zeros((len(driven), sensors, 3))
         for n, skin in enumerate(self.skins):
-            turn[:, skin.sensor] += driven[:, n, :1] * state[n, 0]
+            turn[:, skin.sensor] += driven[:, n] * state[n, 0]
         return exp(turn)
 
 

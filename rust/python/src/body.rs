@@ -174,7 +174,8 @@ impl BodyProblem {
     }
 
     /// The most probable state from a start: `q` (K, S, 4), `velocity`, `position`, `gyr_bias`, `acc_bias` (K, S, 3), `centers`,
-    /// `axes` (J, 2, 3), `skins` (T, 2, 3). `drives` (K, T, 2) are angle and rate of each skin at each moment, rad and rad/s. `held` (C, C), where given, is the covariance of constants that stay as they are. `watch`, where given, is called with (trial, cost, promised, damping) and may raise to stop.
+    /// `axes` (J, 2, 3), `skins` (T, 2, 3). `drives` (K, T, 1) are the
+    /// angles that move the skins, rad. `held` (C, C), where given, is the covariance of constants that stay as they are. `watch`, where given, is called with (trial, cost, promised, damping) and may raise to stop.
     #[pyo3(signature = (q, velocity, position, gyr_bias, acc_bias, centers, axes, skins, drives, descent, covariance, watch=None, held=None))]
     #[expect(clippy::too_many_arguments, reason = "one call from one place in Python, all by position")]
     fn minimise(
@@ -212,7 +213,7 @@ impl BodyProblem {
         let (centers, mut axes) = (pairs(&centers, joints, "centers")?, pairs(&axes, joints, "axes")?);
         let count = self.model.skins.len();
         let skins = pairs(&skins, count, "skins")?;
-        let drives = flat(&drives, [moments, count, 2], "drives")?.as_chunks::<2>().0;
+        let drives = flat(&drives, [moments, count, 1], "drives")?;
         for axis in axes.iter_mut().flatten() {
             *axis = axis.try_normalize(1e-9).ok_or_else(|| PyValueError::new_err("axes must not be zero"))?;
         }

@@ -15,7 +15,6 @@ use super::{
     states::{ACC_BIAS, GYR_BIAS, POSITION, State, TURN, UNKNOWNS, VELOCITY},
     tiles::{N, Row, Tile, add},
 };
-use crate::so3::tangent_basis;
 
 /// What the posterior is made of, but the unknowns.
 #[derive(Clone, Debug)]
@@ -31,8 +30,8 @@ pub struct Problem<'a> {
     /// Where other data have said what the constants are: their covariance, by rows. They are then held, and only how uncertain
     /// they are enters the uncertainty of all else (Schmidt 1966).
     pub held: Option<Vec<f64>>,
-    /// Angle and rate of each skin at each moment, moment by moment, rad and rad/s.
-    pub drives: Vec<[f64; 2]>,
+    /// Angle that moves each skin, moment by moment, rad.
+    pub drives: Vec<f64>,
 }
 
 /// Information that holds a constant, 1/m² and 1/rad².
@@ -60,7 +59,7 @@ impl Problem<'_> {
             centers: start.centers.clone(),
             gauges: begin.map(|k| (k, Gauge::of(&start.motions[k * sensors]))).collect(),
             held: None,
-            drives: vec![[0.0; 2]; moments.len() * model.skins.len()],
+            drives: vec![0.0; moments.len() * model.skins.len()],
         }
     }
 
@@ -158,6 +157,7 @@ impl Problem<'_> {
         let sensors = self.model.sensors;
         for (j, joint) in self.model.joints.iter().enumerate() {
             let [a, b] = joint.sensors.map(|s| &state.motions[k * sensors + s]);
+            let [rate_a, rate_b] = joint.sensors.map(|s| &self.moments.rates[k * sensors + s]);
             let seats = joint.sensors.map(|s| self.seat(s, k, state));
             let centers = [0, 1].map(|side| seats[side].point(&state.centers[j][side]));
             let center = joint_center::residual(a, b, &centers);
@@ -165,14 +165,12 @@ impl Problem<'_> {
             let mut count = 1;
             if let Some(std) = joint.hinge_std {
                 let precision = 1.0 / self.hinge_variance(std);
-                let axes = [0, 1].map(|side| seats[side].direction(&state.axes[j][side]));
-                let [rate_a, rate_b] =
-                    [0, 1].map(|side| self.moments.rates[k * sensors + joint.sensors[side]] + seats[side].rate);
-                terms[1].square = precision * hinge::residual(a, b, [&rate_a, &rate_b], &axes[0]).norm_squared();
-                terms[2].square = precision * hinge::residual(b, a, [&rate_b, &rate_a], &axes[1]).norm_squared();
+                let axes = &state.axes[j];
+                terms[1].square = precision * hinge::residual(a, b, [rate_a, rate_b], &axes[0]).norm_squared();
+                terms[2].square = precision * hinge::residual(b, a, [rate_b, rate_a], &axes[1]).norm_squared();
                 count = 3;
                 if let Some(std) = joint.axes_std {
-                    terms[3].square = axes_agree::residual(a, b, &axes).norm_squared() / (std * std);
+                    terms[3].square = axes_agree::residual(a, b, axes).norm_squared() / (std * std);
                     count = 4;
                 }
             }
@@ -332,13 +330,6 @@ impl Problem<'_> {
 
         let seats = joint.sensors.map(|s| self.seat(s, k, state));
         let drives = &self.drives[k * model.skins.len()..];
-        // What moves the skin of either sensor: its place in the border, angle and rate.
-        let skins = |side: usize| {
-            let own = move |(_, (skin, _)): &(usize, (&Skin, &[f64; 2]))| skin.sensor == joint.sensors[side];
-            let all = model.skins.iter().zip(drives).enumerate().filter(own);
-            all.map(|(n, (_, [angle, speed]))| (model.skin_at(n), *angle, *speed))
-        };
-
         let centers = [0, 1].map(|side| seats[side].point(&state.centers[j][side]));
         let center = joint_center::linearised(a, b, &centers);
         let inverse = Vector3::from(joint.center_std).map(|std| 1.0 / std);
@@ -350,24 +341,23 @@ impl Problem<'_> {
             rows.put(side, POSITION, &(white * sign));
             let by_center = white * center.centers[side];
             rows.put_wide(model.center_at(j, side), &(by_center * seats[side].turn));
-            let by_turn = by_center * seats[side].by_turn(&seats[side].direction(&state.centers[j][side]));
-            for (at, angle, _) in skins(side) {
-                rows.put_wide(at, &(by_turn * angle));
-                rows.put_wide(at + 3, &(by_center * angle));
+            let by_turn = by_center * seats[side].by_turn(&state.centers[j][side]);
+            for (n, (skin, angle)) in model.skins.iter().zip(drives).enumerate() {
+                if skin.sensor == joint.sensors[side] {
+                    rows.put_wide(model.skin_at(n), &(by_turn * *angle));
+                    rows.put_wide(model.skin_at(n) + 3, &(by_center * *angle));
+                }
             }
         }
         if let Some(std) = joint.hinge_std {
-            let axes = [0, 1].map(|side| seats[side].direction(&state.axes[j][side]));
-            // An axis by its step, and by the turn of the skin.
-            let by_step = [0, 1].map(|side| seats[side].turn * tangent_basis(&state.axes[j][side]));
-            let by_turn = [0, 1].map(|side| seats[side].by_turn(&axes[side]));
-            let [rate_a, rate_b] = [0, 1].map(|side| self.moments.rates[k * s + joint.sensors[side]] + seats[side].rate);
+            let axes = &state.axes[j];
+            let [rate_a, rate_b] = joint.sensors.map(|i| &self.moments.rates[k * s + i]);
             let precision = 1.0 / self.hinge_variance(std);
             for side in 0..2 {
                 let one = if side == 0 {
-                    hinge::linearised(a, b, [&rate_a, &rate_b], &axes[0])
+                    hinge::linearised(a, b, [rate_a, rate_b], &axes[0])
                 } else {
-                    hinge::linearised(b, a, [&rate_b, &rate_a], &axes[1])
+                    hinge::linearised(b, a, [rate_b, rate_a], &axes[1])
                 };
                 let scale = ComplexField::sqrt(precision);
                 let (bent, residual) = loss.bend(&(one.residual * scale));
@@ -375,25 +365,18 @@ impl Problem<'_> {
                 rows.open(&residual);
                 for (n, place) in [side, 1 - side].into_iter().enumerate() {
                     rows.put(place, TURN, &(white * one.turns[n] * [a, b][place].turn.transpose()));
-                    let by_bias = white * one.biases[n];
-                    rows.put(place, GYR_BIAS, &by_bias);
-                    // A bias lowers the rate, a turning skin raises it.
-                    skins(place).for_each(|(at, _, speed)| rows.put_wide(at, &(by_bias * -speed)));
+                    rows.put(place, GYR_BIAS, &(white * one.biases[n]));
                 }
-                let by_axis = white * one.axis;
-                rows.put_pair(model.axis_at(j, side), &(by_axis * by_step[side]));
-                skins(side).for_each(|(at, angle, _)| rows.put_wide(at, &(by_axis * by_turn[side] * angle)));
+                rows.put_pair(model.axis_at(j, side), &(white * one.axis));
             }
             if let Some(std) = joint.axes_std {
-                let both = axes_agree::linearised(a, b, &axes);
+                let both = axes_agree::linearised(a, b, axes);
                 let (bent, residual) = loss.bend(&(both.residual / std));
                 let white = bent / std;
                 rows.open(&residual);
                 for side in 0..2 {
                     rows.put(side, TURN, &(white * both.turns[side] * [a, b][side].turn.transpose()));
-                    let by_axis = white * both.axes[side];
-                    rows.put_pair(model.axis_at(j, side), &(by_axis * by_step[side]));
-                    skins(side).for_each(|(at, angle, _)| rows.put_wide(at, &(by_axis * by_turn[side] * angle)));
+                    rows.put_pair(model.axis_at(j, side), &(white * both.axes[side]));
                 }
             }
         }

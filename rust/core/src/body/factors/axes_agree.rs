@@ -1,9 +1,10 @@
 //! A hinge's axis is one line in space, whichever sensor sees it: `e = r_a − R_aᵀ R_b r_b`. What eqs 6 to 9 say of rates, said of
 //! orientations: it also holds the knee's heading while nothing moves. Not in the paper.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Matrix3x2, Vector3};
 
 use super::super::states::Motion;
+use crate::so3::tangent_basis;
 
 /// Both axes.
 #[derive(Clone, Copy, Debug)]
@@ -12,8 +13,8 @@ pub struct AxesAgree {
     pub residual: Vector3<f64>,
     /// By the rotation of a, then of b.
     pub turns: [Matrix3<f64>; 2],
-    /// By the axis in a, then in b, as vectors.
-    pub axes: [Matrix3<f64>; 2],
+    /// By the axis in a, then in b.
+    pub axes: [Matrix3x2<f64>; 2],
 }
 
 /// The residual alone.
@@ -28,6 +29,6 @@ pub fn linearised(a: &Motion, b: &Motion, axes: &[Vector3<f64>; 2]) -> AxesAgree
     AxesAgree {
         residual: axes[0] - carried,
         turns: [-carried.cross_matrix(), between * axes[1].cross_matrix()],
-        axes: [Matrix3::identity(), -between],
+        axes: [tangent_basis(&axes[0]), -(between * tangent_basis(&axes[1]))],
     }
 }

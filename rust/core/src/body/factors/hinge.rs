@@ -4,9 +4,10 @@
 //! those of the gyroscopes less their biases: the paper's rates as unknowns of their own (eq. 4) are eliminated, which leaves the
 //! same residual with the variance `σ_hinge² + 4 σ_rate²`, exact where both axes agree.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Matrix3x2, Vector3};
 
 use super::super::states::Motion;
+use crate::so3::tangent_basis;
 
 /// One side of a hinge.
 #[derive(Clone, Copy, Debug)]
@@ -17,8 +18,8 @@ pub struct Hinge {
     pub turns: [Matrix3<f64>; 2],
     /// By the gyroscope bias of a, then of b.
     pub biases: [Matrix3<f64>; 2],
-    /// By the axis in a, as a vector.
-    pub axis: Matrix3<f64>,
+    /// By the axis in a.
+    pub axis: Matrix3x2<f64>,
 }
 
 /// The residual alone; `gyr` are the rates that the sensors read.
@@ -40,6 +41,6 @@ pub fn linearised(a: &Motion, b: &Motion, gyr: [&Vector3<f64>; 2], axis: &Vector
         residual: relative - axis * along,
         turns: [across * carried.cross_matrix(), -(seen * rate_b.cross_matrix())],
         biases: [across, -seen],
-        axis: -(axis * relative.transpose() + Matrix3::identity() * along),
+        axis: -(axis * relative.transpose() + Matrix3::identity() * along) * tangent_basis(axis),
     }
 }
