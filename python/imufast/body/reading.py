@@ -31,6 +31,8 @@ LEANING_DEG = 10.0
 """...or, where nobody stood still, on average over all of the motion."""
 BENT_DEG = 25.0
 """A thigh or shank without both its joint centres then: who walks has his knees bent by 25 on average, who sits by more."""
+OUT_OF_STEP = 0.5
+"""What soft tissue does besides following the flexion in proportion, as a share of how much that may be, over a radian."""
 UNLIKELY = 5.0
 """A length that is so many of its usual standard deviations off contradicts what was expected."""
 
@@ -141,7 +143,7 @@ class Reading:
 
     def all_loose(self) -> dict[int, Array]:
         """Sensor to (3,): variance about X, Y and Z of its segment of how that may be turned against its frame, rad²."""
-        settled = (self.settings.soft_tissue_deg**2) * np.ones(3)
+        settled = (OUT_OF_STEP * self.settings.soft_tissue_deg) ** 2 * np.ones(3)
         found = [settled.copy() for _ in self.layout.segments]
         for name, (upper, lower) in self.layout.joints.items():
             if name.startswith("knee"):
@@ -232,7 +234,7 @@ class Reading:
     def shifted(self) -> Array:
         """(C, C) what soft tissue adds to the covariance of the constants: to joint centres, m²."""
         variance = np.zeros(0 if self.fit.constants_covariance is None else len(self.fit.constants_covariance))
-        variance[: self.fit.centers.size] = self.settings.soft_tissue_m**2
+        variance[: self.fit.centers.size] = (OUT_OF_STEP * self.settings.soft_tissue_m) ** 2
         return np.diag(variance)
 
     def pelvis(self) -> tuple[Array, Array]:
@@ -262,7 +264,7 @@ class Reading:
                 center_std[side] = float(np.sqrt(max(np.linalg.eigvalsh(block)[-1], 0.0)))
             # What the motion leaves open is one thing, what no motion shows another.
             shown = float(center_std.max())
-            center_std = np.hypot(center_std, self.settings.soft_tissue_m)
+            center_std = np.hypot(center_std, OUT_OF_STEP * self.settings.soft_tissue_m)
         world = self.turned[:, upper]
         relative = np.swapaxes(world, 1, 2) @ self.turned[:, lower]
         alone = matrix(start.rel.q_12[self.rows])

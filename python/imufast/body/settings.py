@@ -89,9 +89,10 @@ class LowerBodySettings(Checked):
         hinge_std: rate of a knee across its axis, rad/s; default 0.5.
         axes_std_deg: how far the knee's axis in the shank may stand off that in the thigh, degrees; None: not asked, as the
             paper does. Default 7.
-        soft_tissue_deg, soft_tissue_m: how far, about and along each axis, skin and straps have turned a sensor on its bone and
-            shifted the joints that it sees, in step with the movement: no sensor shows that, so it only widens the bands.
-            Defaults 1.7 and 0.006, 3 degrees and 1 cm per radian of flexion over one radian in some direction; 0: rigid mounts.
+        soft_tissue_deg, soft_tissue_m: how far, about and along each axis, skin and straps turn a thigh's or shank's sensor on its
+            bone and shift it per radian of flexion of knee or hip: what of it the joints' centres show is estimated. Half of
+            these, degrees and m, is taken to be out of step with the movement and widens the bands. Defaults 3 and 0.01; both
+            0: sensors sit on bone.
         center_std_m: joint centres around what `track` finds, m; default 0.1.
         tail: degrees of freedom of Student's t for joints and hinges; inf: Gaussian. Default 5.
         max_iterations: linear systems to solve. Default 60.
@@ -118,8 +119,8 @@ class LowerBodySettings(Checked):
     ankle_std_m: float = 0.015
     hinge_std: float = 0.5
     axes_std_deg: float | None = 7.0
-    soft_tissue_deg: float = 1.7
-    soft_tissue_m: float = 0.006
+    soft_tissue_deg: float = 3.0
+    soft_tissue_m: float = 0.01
     center_std_m: float = 0.1
     tail: float = 5.0
     max_iterations: int = 60

@@ -453,13 +453,17 @@ struct Rows {
     count: usize,
     sides: [[Row; ROWS]; 2],
     wide: Vec<[Row; ROWS]>,
+    /// Which tiles of the border hold anything: few do.
+    used: Vec<bool>,
     gradient: (usize, usize),
 }
 
 impl Rows {
     fn new(wide: usize, gradient_tile: usize, gradient_column: usize) -> Self {
         let none = [[0.0; N]; ROWS];
-        Self { count: 0, sides: [none; 2], wide: vec![none; wide], gradient: (gradient_tile, gradient_column) }
+        let mut used = vec![false; wide];
+        used[gradient_tile] = true;
+        Self { count: 0, sides: [none; 2], wide: vec![none; wide], used, gradient: (gradient_tile, gradient_column) }
     }
 
     /// Begins three rows with this residual.
@@ -478,6 +482,7 @@ impl Rows {
     fn put_wide(&mut self, at: usize, block: &Matrix3<f64>) {
         let from = self.count - 3;
         for c in 0..3 {
+            self.used[(at + c) / N] = true;
             (0..3).for_each(|r| self.wide[(at + c) / N][from + r][(at + c) % N] += block[(r, c)]);
         }
     }
@@ -485,6 +490,7 @@ impl Rows {
     fn put_pair(&mut self, at: usize, block: &Matrix3x2<f64>) {
         let from = self.count - 3;
         for c in 0..2 {
+            self.used[(at + c) / N] = true;
             (0..3).for_each(|r| self.wide[(at + c) / N][from + r][(at + c) % N] += block[(r, c)]);
         }
     }
@@ -494,15 +500,15 @@ impl Rows {
         for (side, sensor) in sensors.into_iter().enumerate() {
             let rows = &self.sides[side][..count];
             add(width, &mut band.diagonal[k * tri + upper(sensor, sensor)], rows, rows);
-            for (c, beside) in self.wide.iter().enumerate() {
+            for (c, beside) in self.wide.iter().enumerate().filter(|(c, _)| self.used[*c]) {
                 add(width, &mut band.border[(k * s + sensor) * wide + c], rows, &beside[..count]);
             }
         }
         let (low, high) = if sensors[0] < sensors[1] { (0, 1) } else { (1, 0) };
         let tile = &mut band.diagonal[k * tri + upper(sensors[low], sensors[high])];
         add(width, tile, &self.sides[low][..count], &self.sides[high][..count]);
-        for c in 0..wide {
-            for b in 0..=c {
+        for c in (0..wide).filter(|c| self.used[*c]) {
+            for b in (0..=c).filter(|b| self.used[*b]) {
                 add(width, &mut band.corner[upper(b, c)], &self.wide[b][..count], &self.wide[c][..count]);
             }
         }
