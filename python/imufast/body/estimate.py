@@ -43,12 +43,11 @@ def estimate_lower_body(
     Each joint is first calibrated and tracked by its two sensors alone; from there one maximum a posteriori search over all
     sensors, joints and the body's measures (eqs 4-18).
 
-    Thighs and shanks lie beneath skin that turns and shifts their sensors as knees and hips bend: how much of that goes in
-    proportion to the flexion is estimated along with the rest, and angles are those of the bones (`settings.soft_tissue_deg`,
-    `soft_tissue_m`). Stated standard deviations of angles, centres and lengths count what no sensor shows, too: what else soft
-    tissue does, and how upright a pelvis and a
-    foot stand whose frames are taken from standing. Impacts that are faster than the samples follow widen the increments they
-    fall into.
+    Skin and straps turn and shift the sensors of thighs and shanks as knees and hips bend: how the joints' centres move in them
+    with the flexion is estimated along with the rest. Stated standard deviations of angles, centres and lengths count what no
+    sensor shows, too: how far soft tissue turns and shifts the sensors (`settings.soft_tissue_deg`, `soft_tissue_m`), and how
+    upright a pelvis and a foot stand whose frames are taken from standing. Impacts that are faster than the samples follow widen
+    the increments they fall into.
 
     A long recording is cut into overlapping windows (`settings.window_s`), so that memory stays flat: joint centres and axes
     come from its most informative pieces together.

@@ -31,8 +31,8 @@ LEANING_DEG = 10.0
 """...or, where nobody stood still, on average over all of the motion."""
 BENT_DEG = 25.0
 """A thigh or shank without both its joint centres then: who walks has his knees bent by 25 on average, who sits by more."""
-OUT_OF_STEP = 0.5
-"""What soft tissue does besides following the flexion in proportion, as a share of how much that may be, over a radian."""
+BENT_RAD = 0.5
+"""A leg is bent by so much more or less than on average, where its frames are found, rad: so far skin turns its sensors."""
 UNLIKELY = 5.0
 """A length that is so many of its usual standard deviations off contradicts what was expected."""
 
@@ -44,9 +44,6 @@ class Reading:
         layout, fit, settings = ask.layout, solved.fit, ask.settings
         self.recording, self.start, self.rows, self.fit = solved.recording, solved.start, solved.rows, fit
         self.layout, self.anthropometry, self.turned, start = layout, ask.anthropometry, matrix(fit.q), solved.start
-        self.tissue, self.driven = solved.tissue, solved.driven
-        self.q_bones = multiply(fit.q, self.tissue.seats(fit.skins, self.driven, len(layout.segments)))
-        self.bones = matrix(self.q_bones)
         self.settings = settings
         self.measured = set(frames(layout, fit.centers, fit.axes, start.up))
         self.frames = self.all_frames() if known is None else known
@@ -98,7 +95,7 @@ class Reading:
             why=tuple(why),
             q={segment: fit.q[:, k] for k, segment in enumerate(layout.segments)},
             q_segment={
-                segment: multiply(self.q_bones[:, k], np.broadcast_to(from_matrix(found[k] @ MCGRATH), (len(turned), 4)))
+                segment: multiply(fit.q[:, k], np.broadcast_to(from_matrix(found[k] @ MCGRATH), (len(turned), 4)))
                 for k, segment in enumerate(layout.segments)
                 if k in found
             },
@@ -136,14 +133,14 @@ class Reading:
             weight = 1.0 / (1.0 + np.minimum(heading[rows], UNKNOWN_DEG) ** 2)
             for known, open_ in ((upper, lower), (lower, upper)):
                 if known in found and open_ not in found:
-                    right = self.bones[rows, known] @ found[known][:, 2]
-                    across = np.swapaxes(self.bones[rows, open_], 1, 2) @ right[:, :, None]
+                    right = self.turned[rows, known] @ found[known][:, 2]
+                    across = np.swapaxes(self.turned[rows, open_], 1, 2) @ right[:, :, None]
                     found[open_] = spanned("proximal", self.start.up[open_], "right", weight @ across[:, :, 0]).T
         return found
 
     def all_loose(self) -> dict[int, Array]:
         """Sensor to (3,): variance about X, Y and Z of its segment of how that may be turned against its frame, rad²."""
-        settled = (OUT_OF_STEP * self.settings.soft_tissue_deg) ** 2 * np.ones(3)
+        settled = (BENT_RAD * self.settings.soft_tissue_deg) ** 2 * np.ones(3)
         found = [settled.copy() for _ in self.layout.segments]
         for name, (upper, lower) in self.layout.joints.items():
             if name.startswith("knee"):
@@ -151,7 +148,7 @@ class Reading:
                 # nothing shows, and neither what it does about the axis: as much as in the quieter direction across it.
                 j = self.layout.names.index(name)
                 apart = self.turned[:, upper] @ self.fit.axes[j, 0] - self.turned[:, lower] @ self.fit.axes[j, 1]
-                front, up, _ = ((apart[:, None] @ self.bones[:, upper])[:, 0] @ self.frames[upper]).T
+                front, up, _ = ((apart[:, None] @ self.turned[:, upper])[:, 0] @ self.frames[upper]).T
                 about_front, about_up = np.degrees(1.0) ** 2 * np.array([np.mean(up**2), np.mean(front**2)])
                 for k in (upper, lower):
                     found[k] += np.array([about_front, about_up, min(about_front, about_up)])
@@ -175,11 +172,11 @@ class Reading:
         return np.flatnonzero(stands if stands.any() else fast <= np.percentile(fast, 10))
 
     def of(self, sensor: int) -> tuple[Array, Array]:
-        """(K, 3, 3) sensor as it would sit in the zero posture to world, and (3, 3) segment to that."""
-        return self.bones[:, sensor], self.frames[sensor]
+        """(K, 3, 3) sensor to world and (3, 3) segment to sensor."""
+        return self.turned[:, sensor], self.frames[sensor]
 
     def turns_of_frames(self) -> dict[int, Array]:
-        """Sensor to (K, 3, C): the small rotation of its segment's frame, in its own axes, by the body's constants."""
+        """Sensor to (3, C): the small rotation of its segment's frame, in its own axes, by the body's constants."""
         layout, fit = self.layout, self.fit
         if fit.constants_covariance is None:
             return {}
@@ -199,13 +196,7 @@ class Reading:
 
         count = len(fit.constants_covariance)
         turns = turns_by(rows, rows(np.zeros(count)), count)
-        found = {k: np.repeat(turn[None], len(self.rows), axis=0) for k, turn in zip(self.frames, turns, strict=True)}
-        for n, skin in enumerate(self.tissue.skins):
-            if skin.sensor in found:
-                # To first order the turn of the skin moves the bone as it moves itself.
-                at = count - 6 * (len(self.tissue.skins) - n)
-                found[skin.sensor][:, :, at : at + 3] += self.driven[:, n, :, None] * self.frames[skin.sensor].T
-        return found
+        return dict(zip(self.frames, turns, strict=True))
 
     def bands(self, name: str) -> Array:
         """(K, 3) standard deviations of a joint's angles, degrees."""
@@ -234,7 +225,7 @@ class Reading:
     def shifted(self) -> Array:
         """(C, C) what soft tissue adds to the covariance of the constants: to joint centres, m²."""
         variance = np.zeros(0 if self.fit.constants_covariance is None else len(self.fit.constants_covariance))
-        variance[: self.fit.centers.size] = (OUT_OF_STEP * self.settings.soft_tissue_m) ** 2
+        variance[: self.fit.centers.size] = (BENT_RAD * self.settings.soft_tissue_m) ** 2
         return np.diag(variance)
 
     def pelvis(self) -> tuple[Array, Array]:
@@ -264,7 +255,7 @@ class Reading:
                 center_std[side] = float(np.sqrt(max(np.linalg.eigvalsh(block)[-1], 0.0)))
             # What the motion leaves open is one thing, what no motion shows another.
             shown = float(center_std.max())
-            center_std = np.hypot(center_std, OUT_OF_STEP * self.settings.soft_tissue_m)
+            center_std = np.hypot(center_std, BENT_RAD * self.settings.soft_tissue_m)
         world = self.turned[:, upper]
         relative = np.swapaxes(world, 1, 2) @ self.turned[:, lower]
         alone = matrix(start.rel.q_12[self.rows])

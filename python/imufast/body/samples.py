@@ -39,9 +39,8 @@ def at_samples(body: LowerBody, recording: Recording) -> LowerBody:
         segment: _turned(recording[body.placement[segment]], own, at, before, share, bridge_s)
         for segment, own in body.q.items()
     }
-    # How a segment lies in its sensor changes with its skin alone, slowly.
-    frames = {name: multiply(conjugate(body.q[name]), own) for name, own in body.q_segment.items()}
-    q_segment = {name: multiply(q[name], _between(frame, before, share)) for name, frame in frames.items()}
+    frames = {name: multiply(conjugate(body.q[name][0]), own[0]) for name, own in body.q_segment.items()}
+    q_segment = {name: multiply(q[name], np.broadcast_to(frame, (len(rows), 4))) for name, frame in frames.items()}
 
     def spread(values: Array) -> Array:
         """(K, ...) rows by straight lines between moments; what is infinite on one side is so in between."""
@@ -76,17 +75,6 @@ def at_samples(body: LowerBody, recording: Recording) -> LowerBody:
         joints={name: replace(joint, heading_std_deg=spread(joint.heading_std_deg)) for name, joint in body.joints.items()},
         **found,
     )
-
-
-def _between(q: Array, before: Rows, share: Array) -> Array:
-    """(N, 4) unit quaternions on straight lines between those at the moments (K, 4), near each other."""
-    if len(q) < 2:
-        return np.repeat(q, len(share), axis=0)
-    low, high = q[before], q[before + 1]
-    high = np.where((low * high).sum(axis=1, keepdims=True) < 0.0, -high, high)
-    mean = low + share[:, None] * (high - low)
-    unit: Array = mean / np.linalg.norm(mean, axis=1, keepdims=True)
-    return unit
 
 
 def _share(time_s: Array, at: Rows, before: Rows, bridge_s: float) -> Array:

@@ -44,8 +44,7 @@ class Solved:
         start: where it started.
         rows: (K,) the samples of its moments.
         fit: what it found.
-        tissue: how the sensors sit on their bones.
-        driven: (K, T, 1) what moved them there.
+        tissue: what moves the sensors on their bones.
         history: (T, 5) of its linear systems.
         why: what the reader should know.
     """
@@ -55,7 +54,6 @@ class Solved:
     rows: NDArray[np.intp]
     fit: _core.BodyFit
     tissue: Tissue
-    driven: Array
     history: Array
     why: tuple[str, ...]
 
@@ -111,7 +109,7 @@ def solve(recording: Recording, ask: Ask, start: BodyStart, stage: str, held: So
             history.append(fit.trials)
             why.append("a knee's axis was turned round and the search repeated")
         start.stand(Rests(recording, placed, fit.acc_bias.mean(axis=0)), fit)
-    return Solved(recording, start, rows, fit, tissue, driven, np.concatenate(history), tuple(why))
+    return Solved(recording, start, rows, fit, tissue, np.concatenate(history), tuple(why))
 
 
 def _search(

@@ -1,4 +1,9 @@
-"""Soft tissue: how skin and straps turn and shift a sensor on its bone in step with the movement."""
+"""Soft tissue: which sensors skin and straps turn and shift on their bones, and by which angles.
+
+In step with the flexion of a joint nearby, to first order: so a joint's centre moves in the sensor, which the core estimates
+(`factors/skin.rs`). It shows where the centres are at the average posture, and there the frames of the segments are found. The
+angles are not turned back to the bones by it: on what a knee does that is no hinge's doing, no inertial sensor gives a verdict.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +14,7 @@ from numpy.typing import NDArray
 
 from imufast.body.layout import Layout
 from imufast.body.settings import LowerBodySettings
-from imufast.quaternion import conjugate, exp, multiply
+from imufast.quaternion import conjugate, multiply
 
 __all__ = ["Skin", "Tissue", "skins"]
 
@@ -58,8 +63,8 @@ class Tissue:
         self.zero = [_mean(_relative(q, skin)) for skin in moved]
 
     def drives(self, q: Array, axes: Array) -> Array:
-        """(K, T, 1) flexion of the joint that moves each skin, rad: the twist of its lower sensor against the upper one about the
-        knee's axis.
+        """(K, T, 1) flexion of the joint that moves each skin, rad: how its lower sensor is turned against the upper one about
+        the knee's axis.
 
         Args:
             q: (K, S, 4) sensors to the world.
@@ -71,19 +76,6 @@ class Tissue:
             off = multiply(np.broadcast_to(conjugate(zero), relative.shape), relative)
             found[:, n, 0] = np.mod(2.0 * np.arctan2(off[:, 1:] @ axes[skin.axis], off[:, 0]) + np.pi, 2.0 * np.pi) - np.pi
         return found
-
-    def seats(self, state: Array, driven: Array, sensors: int) -> Array:
-        """(K, S, 4) each sensor as it would sit in the zero posture, to how it sits.
-
-        Args:
-            state: (T, 2, 3) turn (rad/rad) and shift (m/rad) of each skin.
-            driven: (K, T, 1) as `drives` gives.
-            sensors: their number S.
-        """
-        turn = np.zeros((len(driven), sensors, 3))
-        for n, skin in enumerate(self.skins):
-            turn[:, skin.sensor] += driven[:, n] * state[n, 0]
-        return exp(turn)
 
 
 def _relative(q: Array, skin: Skin) -> Array:
