@@ -46,8 +46,8 @@ def estimate_lower_body(
     Skin and straps turn and shift the sensors of thighs and shanks as knees and hips bend: how the joints' centres move in them
     with the flexion is estimated along with the rest. Stated standard deviations of angles, centres and lengths count what no
     sensor shows, too: how far soft tissue turns and shifts the sensors (`settings.soft_tissue_deg`, `soft_tissue_m`), and how
-    upright a pelvis and a foot stand whose frames are taken from standing. Impacts that are faster than the samples follow widen
-    the increments they fall into.
+    upright a pelvis and a foot stand whose frames are taken from standing. Impacts that are faster than the samples follow
+    widen the increments they fall into.
 
     A long recording is cut into overlapping windows (`settings.window_s`), so that memory stays flat: joint centres and axes
     come from its most informative pieces together.
