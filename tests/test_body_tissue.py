@@ -78,7 +78,9 @@ def test_joint_centres_that_move_with_the_flexion_do_not_bend_the_bones(seed: in
 @pytest.mark.timeout(300)
 def test_six_minutes_solved_whole_are_not_more_certain_than_true() -> None:
     motions = [
-        BodyMotion(kind, duration_s=60.0, label=f"{kind} {n}") for n in range(2) for kind in ("profile", "walking", "sit_to_stand")
+        BodyMotion(kind, duration_s=60.0, label=f"{kind} {n}")
+        for n in range(2)
+        for kind in ("profile", "walking", "sit_to_stand")
     ]
     truth = simulate_lower_body(motions, seed=1, rate_hz=50.0, **WORN)
     found = estimate_lower_body(
