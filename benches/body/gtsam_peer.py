@@ -105,6 +105,7 @@ def problem(S: Any, noise: dict[str, Any], count: int, **more: float) -> Any:
         differences,
         values,
         9.81,
+        [],
     )
 
 
@@ -120,7 +121,7 @@ def solve(S: Any, body: Any, start: dict[str, Any], descent: tuple[int, float, f
     unused = np.array([1.0, 0.0, 0.0])
     axes = np.stack([[start["r"].get(SEG[a], unused), start["r"].get(SEG[b], unused)] for name, a, b in JOINTS])
     arrays = [np.ascontiguousarray(x, dtype=np.float64) for x in (q, velocity, position, gyr_bias, zeros, centers, axes)]
-    return body.minimise(*arrays, descent, False)
+    return body.minimise(*arrays, np.zeros((0, 2, 3)), np.zeros((count, 0, 1)), descent, False)
 
 
 def into_graph(P: Any, S: Any, body: Any, fit: Any) -> Any:

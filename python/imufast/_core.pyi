@@ -433,6 +433,8 @@ class BodyFit:
     @property
     def axes(self) -> NDArray[np.float64]: ...
     @property
+    def skins(self) -> NDArray[np.float64]: ...
+    @property
     def link_squares(self) -> NDArray[np.float64]: ...
     @property
     def joint_squares(self) -> NDArray[np.float64]: ...
@@ -466,6 +468,7 @@ class BodyProblem:
         differences: list[tuple[int, int, float]],
         noise: list[float],
         gravity: float,
+        skins: list[tuple[int, float, float]],
     ) -> BodyProblem: ...
     @property
     def samples(self) -> NDArray[np.uintp]: ...
@@ -482,6 +485,8 @@ class BodyProblem:
         acc_bias: NDArray[np.float64],
         centers: NDArray[np.float64],
         axes: NDArray[np.float64],
+        skins: NDArray[np.float64],
+        drives: NDArray[np.float64],
         descent: tuple[int, float, float],
         covariance: bool,
         watch: Callable[[int, float, float, float], object] | None = None,

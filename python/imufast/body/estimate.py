@@ -44,10 +44,11 @@ def estimate_lower_body(
     Each joint is first calibrated and tracked by its two sensors alone; from there one maximum a posteriori search over all
     sensors, joints and the body's measures (eqs 4-18).
 
-    Stated standard deviations of angles, centres and lengths count what no sensor shows, too: how far soft tissue turns and
-    shifts the sensors in step with the movement (`settings.soft_tissue_deg`, `soft_tissue_m`), and how upright a pelvis and a
-    foot stand whose frames are taken from standing. Impacts that are faster than the samples follow widen the increments they
-    fall into.
+    Skin and straps turn and shift the sensors of thighs and shanks as knees and hips bend: how the joints' centres move in them
+    with the flexion is estimated along with the rest. Stated standard deviations of angles, centres and lengths count what no
+    sensor shows, too: how far soft tissue turns and shifts the sensors (`settings.soft_tissue_deg`, `soft_tissue_m`), and how
+    upright a pelvis and a foot stand whose frames are taken from standing. Impacts that are faster than the samples follow
+    widen the increments they fall into.
 
     A long recording is cut into overlapping windows (`settings.window_s`), so that memory stays flat: joint centres and axes
     come from its most informative pieces together.
@@ -126,8 +127,7 @@ def _part(recording: Recording, pieces: Recording | None, ask: Ask) -> LowerBody
     if pieces is not None:
         return through_windows(recording, pieces, ask)
     found = solve(recording, ask, BodyStart(recording, ask.layout), "whole")
-    reading = Reading(recording, ask.layout, ask.anthropometry, found.start, found.rows, found.fit, ask.settings)
-    return reading.read(found.history, list(found.why))
+    return Reading(found, ask).read(found.history, list(found.why))
 
 
 def _unseen(found: LowerBody, why: list[str]) -> LowerBody:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from imufast import _core
 from imufast.body.layout import Layout
 from imufast.body.settings import Anthropometry, LowerBodySettings
+from imufast.body.tissue import Skin
 from imufast.imu import Recording
 
 __all__ = ["LIMITS_M", "center_std_m", "problem"]
@@ -16,6 +17,8 @@ Array = NDArray[np.float64]
 GRAVITY = 9.80665
 LIMITS_M = {"femur": (0.326, 0.480), "tibia": (0.344, 0.479), "hips": (0.0, 0.409)}
 GAUGE_STD = 1e-3
+LEAST = 1e-6
+"""Standard deviation of what is taken to be zero."""
 APART_S = 0.1
 """Residuals of a joint this far apart count as independent, s: soft tissue moves no faster than the leg."""
 
@@ -30,9 +33,15 @@ def _more(settings: LowerBodySettings) -> float:
 
 
 def problem(
-    recording: Recording, layout: Layout, anthropometry: Anthropometry, settings: LowerBodySettings, biases: Array
+    recording: Recording,
+    layout: Layout,
+    anthropometry: Anthropometry,
+    settings: LowerBodySettings,
+    biases: Array,
+    moved: list[Skin],
 ) -> _core.BodyProblem:
-    """Sensors, joints and measures as the core wants them; `biases` (S, 2, 3) of gyroscopes (rad/s) and accelerometers."""
+    """Sensors, joints, measures and skins as the core wants them; `biases` (S, 2, 3) of gyroscopes (rad/s) and
+    accelerometers."""
     s, a = settings, anthropometry
     hinge_std = s.hinge_std * _more(s)
     axes_std = None if s.axes_std_deg is None else float(np.radians(s.axes_std_deg) * _more(s))
@@ -76,4 +85,5 @@ def problem(
         differences,
         noise,
         GRAVITY,
+        [(skin.sensor, max(float(np.radians(s.soft_tissue_deg)), LEAST), max(s.soft_tissue_m, LEAST)) for skin in moved],
     )

@@ -5,18 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from imufast import _core
 from imufast.body.anatomy import frames
 from imufast.body.bands import MCGRATH, angles_deg, between, pelvis_deg, pelvis_std_deg, spread_deg, std_deg
-from imufast.body.layout import SIDES, Layout
+from imufast.body.layout import SIDES
 from imufast.body.problem import center_std_m
 from imufast.body.residuals import residuals
 from imufast.body.result import UNSEEN_DEG, BodyJoint, BodyStatus, LowerBody
-from imufast.body.settings import Anthropometry, LowerBodySettings
+from imufast.body.solve import Ask, Solved
 from imufast.body.stance import Rests
-from imufast.body.start import BodyStart
 from imufast.frames import STANDING_STD_DEG, spanned, turns_by
-from imufast.imu import Recording
 from imufast.quaternion import from_matrix, matrix, multiply
 from imufast.track import UNKNOWN_DEG
 
@@ -34,6 +31,8 @@ LEANING_DEG = 10.0
 """...or, where nobody stood still, on average over all of the motion."""
 BENT_DEG = 25.0
 """A thigh or shank without both its joint centres then: who walks has his knees bent by 25 on average, who sits by more."""
+BENT_RAD = 0.5
+"""A leg is bent by so much more or less than on average, where its frames are found, rad: so far skin turns its sensors."""
 UNLIKELY = 5.0
 """A length that is so many of its usual standard deviations off contradicts what was expected."""
 
@@ -41,19 +40,10 @@ UNLIKELY = 5.0
 class Reading:
     """A fit beside what it was made from; `known`: frames (sensor to (3, 3), segment to sensor) found elsewhere."""
 
-    def __init__(
-        self,
-        recording: Recording,
-        layout: Layout,
-        anthropometry: Anthropometry,
-        start: BodyStart,
-        rows: Rows,
-        fit: _core.BodyFit,
-        settings: LowerBodySettings,
-        known: dict[int, Array] | None = None,
-    ) -> None:
-        self.recording, self.layout, self.anthropometry, self.start = recording, layout, anthropometry, start
-        self.rows, self.fit, self.turned = rows, fit, matrix(fit.q)
+    def __init__(self, solved: Solved, ask: Ask, known: dict[int, Array] | None = None) -> None:
+        layout, fit, settings = ask.layout, solved.fit, ask.settings
+        self.recording, self.start, self.rows, self.fit = solved.recording, solved.start, solved.rows, fit
+        self.layout, self.anthropometry, self.turned, start = layout, ask.anthropometry, matrix(fit.q), solved.start
         self.settings = settings
         self.measured = set(frames(layout, fit.centers, fit.axes, start.up))
         self.frames = self.all_frames() if known is None else known
@@ -150,7 +140,7 @@ class Reading:
 
     def all_loose(self) -> dict[int, Array]:
         """Sensor to (3,): variance about X, Y and Z of its segment of how that may be turned against its frame, rad²."""
-        settled = (self.settings.soft_tissue_deg**2) * np.ones(3)
+        settled = (BENT_RAD * self.settings.soft_tissue_deg) ** 2 * np.ones(3)
         found = [settled.copy() for _ in self.layout.segments]
         for name, (upper, lower) in self.layout.joints.items():
             if name.startswith("knee"):
@@ -239,7 +229,7 @@ class Reading:
     def shifted(self) -> Array:
         """(C, C) what soft tissue adds to the covariance of the constants: to joint centres, m²."""
         variance = np.zeros(0 if self.fit.constants_covariance is None else len(self.fit.constants_covariance))
-        variance[: self.fit.centers.size] = self.settings.soft_tissue_m**2
+        variance[: self.fit.centers.size] = (BENT_RAD * self.settings.soft_tissue_m) ** 2
         return np.diag(variance)
 
     def pelvis(self) -> tuple[Array, Array]:
@@ -269,7 +259,7 @@ class Reading:
                 center_std[side] = float(np.sqrt(max(np.linalg.eigvalsh(block)[-1], 0.0)))
             # What the motion leaves open is one thing, what no motion shows another.
             shown = float(center_std.max())
-            center_std = np.hypot(center_std, self.settings.soft_tissue_m)
+            center_std = np.hypot(center_std, BENT_RAD * self.settings.soft_tissue_m)
         world = self.turned[:, upper]
         relative = np.swapaxes(world, 1, 2) @ self.turned[:, lower]
         alone = matrix(start.rel.q_12[self.rows])

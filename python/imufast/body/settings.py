@@ -84,14 +84,16 @@ class LowerBodySettings(Checked):
             integration adds).
         gyr_walk, acc_walk: random walk of the biases, rad/s/√s and m/s²/√s; defaults 2e-5 and 2e-4.
         gyr_bias_std, acc_bias_std: of each bias channel around what `track` finds, rad/s and m/s²; defaults 0.005 and 0.1.
-        hip_std_m, knee_std_m, ankle_std_m: how far apart the sensors on either side may see a joint, m: soft tissue. Defaults
-            0.03, 0.02, 0.015. These and the next two are of residuals 0.1 s apart, whatever `key_step_s`.
+        hip_std_m, knee_std_m, ankle_std_m: how far apart the sensors on either side may see a joint, m: soft tissue that does
+            not follow the flexion in proportion. Defaults 0.025, 0.013, 0.01. These and the next two are of residuals 0.1 s
+            apart, whatever `key_step_s`.
         hinge_std: rate of a knee across its axis, rad/s; default 0.5.
         axes_std_deg: how far the knee's axis in the shank may stand off that in the thigh, degrees; None: not asked, as the
             paper does. Default 7.
-        soft_tissue_deg, soft_tissue_m: how far, about and along each axis, skin and straps have turned a sensor on its bone and
-            shifted the joints that it sees, in step with the movement: no sensor shows that, so it only widens the bands.
-            Defaults 1.7 and 0.006, 3 degrees and 1 cm per radian of flexion over one radian in some direction; 0: rigid mounts.
+        soft_tissue_deg, soft_tissue_m: how far, about and along each axis, skin and straps turn a thigh's or shank's sensor on
+            its bone and shift it per radian of flexion of knee and hip. It moves the joints' centres in the sensors, which are
+            estimated so; angles stay those of the sensors, and half of this, degrees and m, widens their bands: a leg is
+            bent by half a radian more or less than on average. Defaults 3 and 0.01; both 0: sensors sit on bone.
         center_std_m: joint centres around what `track` finds, m; default 0.1.
         tail: degrees of freedom of Student's t for joints and hinges; inf: Gaussian. Default 5.
         max_iterations: linear systems to solve. Default 120: ten to forty where the motion shows all headings, up to a hundred
@@ -114,13 +116,13 @@ class LowerBodySettings(Checked):
     acc_walk: float = 2e-4
     gyr_bias_std: float = 0.005
     acc_bias_std: float = 0.1
-    hip_std_m: float = 0.03
-    knee_std_m: float = 0.02
-    ankle_std_m: float = 0.015
+    hip_std_m: float = 0.025
+    knee_std_m: float = 0.013
+    ankle_std_m: float = 0.01
     hinge_std: float = 0.5
     axes_std_deg: float | None = 7.0
-    soft_tissue_deg: float = 1.7
-    soft_tissue_m: float = 0.006
+    soft_tissue_deg: float = 3.0
+    soft_tissue_m: float = 0.01
     center_std_m: float = 0.1
     tail: float = 5.0
     max_iterations: int = 120

@@ -15,13 +15,14 @@ from imufast.body.problem import problem
 from imufast.body.settings import Anthropometry, LowerBodySettings
 from imufast.body.stance import Rests, signed
 from imufast.body.start import BodyStart
+from imufast.body.tissue import Tissue, skins
 from imufast.imu import Recording
 
 __all__ = ["Ask", "Progress", "Solved", "solve"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, float, float, float, str], object]
-STATE = ("q", "velocity", "position", "gyr_bias", "acc_bias", "centers", "axes")
+STATE = ("q", "velocity", "position", "gyr_bias", "acc_bias", "centers", "axes", "skins")
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,7 @@ class Solved:
         start: where it started.
         rows: (K,) the samples of its moments.
         fit: what it found.
+        tissue: what moves the sensors on their bones.
         history: (T, 5) of its linear systems.
         why: what the reader should know.
     """
@@ -51,11 +53,12 @@ class Solved:
     start: BodyStart
     rows: NDArray[np.intp]
     fit: _core.BodyFit
+    tissue: Tissue
     history: Array
     why: tuple[str, ...]
 
 
-def solve(recording: Recording, ask: Ask, start: BodyStart, stage: str, held: _core.BodyFit | None = None) -> Solved:
+def solve(recording: Recording, ask: Ask, start: BodyStart, stage: str, held: Solved | None = None) -> Solved:
     """The most probable body.
 
     Args:
@@ -64,19 +67,21 @@ def solve(recording: Recording, ask: Ask, start: BodyStart, stage: str, held: _c
         start: where to start, of this recording. Its uprights become those of quiet standing, which a search tells from other
             rests, unless there is an earlier fit.
         stage: what `progress` is told that this search is.
-        held: an earlier fit, whose constants (joint centres and axes) stay as they are, as uncertain as it says. Default
+        held: an earlier search, whose constants (joint centres, axes, skins) stay as they are, as uncertain as it says. Default
             None: they are searched for, and the search is repeated where an axis turns out to point to the left.
     """
     placed, how = ask.layout, ask.settings
-    graph = problem(recording, placed, ask.anthropometry, how, start.biases)
+    moved = skins(placed, how)
+    graph = problem(recording, placed, ask.anthropometry, how, start.biases, moved)
     rows = graph.samples.astype(np.intp)
     q = np.ascontiguousarray(start.q[rows])
     if held is None:
         centers, axes = start.constants(ask.anthropometry)
         rests = Rests(recording, placed)
         axes = signed(placed, q, centers, axes, start.up, rests)
+        still, tissue = np.zeros((len(moved), 2, 3)), Tissue(moved, q)
     else:
-        centers, axes = held.centers, held.axes
+        centers, axes, still, tissue = held.fit.centers, held.fit.axes, held.fit.skins, held.tissue
     position = positions(placed, q, centers)
     time_s = recording.time_s[rows]
     state: dict[str, Array] = {
@@ -87,25 +92,30 @@ def solve(recording: Recording, ask: Ask, start: BodyStart, stage: str, held: _c
         "acc_bias": np.tile(start.biases[:, 1], (len(rows), 1, 1)),
         "centers": centers,
         "axes": axes,
+        "skins": still,
     }
-    covariance = None if held is None else held.constants_covariance
-    fit = _search(graph, state, ask, stage, covariance)
+    covariance = None if held is None else held.fit.constants_covariance
+    driven = tissue.drives(q, axes)
+    fit = _search(graph, state, driven, ask, stage, covariance)
     why: list[str] = []
     history = [fit.trials]
     if held is None:
         again = signed(placed, fit.q, fit.centers, fit.axes, start.up, rests)
         if not np.array_equal(again, fit.axes):
             # An axis that pointed to the left has pushed the knee's centre aside: search once more.
-            state = {name: getattr(fit, name) for name in STATE} | {"axes": again}
-            fit = _search(graph, state, ask, stage, None)
+            state = {name: getattr(fit, name) for name in STATE} | {"axes": again, "skins": still}
+            driven = tissue.drives(fit.q, again)
+            fit = _search(graph, state, driven, ask, stage, None)
             history.append(fit.trials)
             why.append("a knee's axis was turned round and the search repeated")
         start.stand(Rests(recording, placed, fit.acc_bias.mean(axis=0)), fit)
-    return Solved(recording, start, rows, fit, np.concatenate(history), tuple(why))
+    return Solved(recording, start, rows, fit, tissue, np.concatenate(history), tuple(why))
 
 
-def _search(graph: _core.BodyProblem, state: dict[str, Array], ask: Ask, stage: str, covariance: Array | None) -> _core.BodyFit:
-    q, velocity, position, gyr_bias, acc_bias, centers, axes = (
+def _search(
+    graph: _core.BodyProblem, state: dict[str, Array], driven: Array, ask: Ask, stage: str, covariance: Array | None
+) -> _core.BodyFit:
+    q, velocity, position, gyr_bias, acc_bias, centers, axes, still = (
         np.ascontiguousarray(state[name], dtype=np.float64) for name in STATE
     )
     descent = (ask.settings.max_iterations, ask.settings.tolerance, 1e-3)
@@ -116,4 +126,5 @@ def _search(graph: _core.BodyProblem, state: dict[str, Array], ask: Ask, stage: 
             progress(iteration, cost, promised, damping, stage)
 
     held = None if covariance is None else np.ascontiguousarray(covariance)
-    return graph.minimise(q, velocity, position, gyr_bias, acc_bias, centers, axes, descent, True, watch, held)
+    parts = (q, velocity, position, gyr_bias, acc_bias, centers, axes, still, np.ascontiguousarray(driven))
+    return graph.minimise(*parts, descent, True, watch, held)

@@ -77,7 +77,7 @@ def through_windows(recording: Recording, informative: Recording, ask: Ask) -> L
     begin = BodyStart(informative, ask.layout)
     known = solve(informative, ask, begin, "constants")
     begin.stand(Rests(recording, ask.layout, known.fit.acc_bias.mean(axis=0)), known.fit)
-    whole = Reading(known.recording, ask.layout, ask.anthropometry, known.start, known.rows, known.fit, ask.settings)
+    whole = Reading(known, ask)
     edges = _windows(recording, ask.settings)
     names = list(ask.layout.placed.values())
     found: list[LowerBody] = []
@@ -86,8 +86,8 @@ def through_windows(recording: Recording, informative: Recording, ask: Ask) -> L
         begun = BodyStart(part, ask.layout, known.start)
         if found:
             _carry_on(found[-1], begun, part, ask)
-        solved = solve(part, ask, begun, f"window {n + 1} of {len(edges)}", known.fit)
-        reading = Reading(part, ask.layout, ask.anthropometry, begun, solved.rows, solved.fit, ask.settings, whole.frames)
+        solved = solve(part, ask, begun, f"window {n + 1} of {len(edges)}", known)
+        reading = Reading(solved, ask, whole.frames)
         body = reading.read(solved.history, [])
         if found:
             middle = recording.time_s[(start + edges[n - 1][1]) // 2]

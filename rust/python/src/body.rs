@@ -4,7 +4,7 @@ use imufast_core::{
     Xyz,
     body::{
         assemble::Problem,
-        model::{AxisAngle, Bone, Difference, Joint, Model, Noise, Seen},
+        model::{AxisAngle, Bone, Difference, Joint, Model, Noise, Seen, Skin},
         moments::{Moments, Readings, Sampling, Spacing},
         solve::{Descent, End, Status, Trial, minimise},
         states::{Motion, State},
@@ -32,6 +32,8 @@ type BoneTuple = ((usize, usize), (usize, usize), Option<(f64, f64)>, Option<(f6
 type AngleTuple = ((usize, usize), usize, f64, f64);
 /// A difference of two bones' lengths: both, and its standard deviation, m.
 type DifferenceTuple = (usize, usize, f64);
+/// A skin: its sensor, standard deviations of its turn (rad/rad) and its shift (m/rad).
+type SkinTuple = (usize, f64, f64);
 
 /// What sensors on a body say, ready for a search.
 #[pyclass(frozen, module = "imufast._core")]
@@ -57,6 +59,8 @@ pub struct BodyFit {
     centers: Py<PyArray3<f64>>,
     /// (J, 2, 3).
     axes: Py<PyArray3<f64>>,
+    /// (T, 2, 3): turn (rad/rad) and shift (m/rad) of each skin.
+    skins: Py<PyArray3<f64>>,
     /// (K, S, 1) squares of the white residuals, nine numbers each, of the dynamics from each moment to the next.
     link_squares: Py<PyArray3<f64>>,
     /// (K, J, 4) squares of the white residuals, three numbers each, of a joint's centre, hinge from either side, and axes.
@@ -69,7 +73,8 @@ pub struct BodyFit {
     joint_covariance: Option<Py<PyArray3<f64>>>,
     /// (K, J * 6, C): the same six with all constants.
     joint_constants: Option<Py<PyArray3<f64>>>,
-    /// (C, C) of the constants: centres (J, 2, 3), then two tangent directions of each hinge's axis on either side.
+    /// (C, C) of the constants: centres (J, 2, 3), then two tangent directions of each hinge's axis on
+    /// either side, then turn and shift of each skin.
     constants_covariance: Option<Py<PyArray2<f64>>>,
 }
 
@@ -93,6 +98,7 @@ impl BodyProblem {
         differences: Vec<DifferenceTuple>,
         noise: [f64; 11],
         gravity: f64,
+        skins: Vec<SkinTuple>,
     ) -> PyResult<Self> {
         let (gyr, acc) = (sensors(&gyr, "gyr")?, sensors(&acc, "acc")?);
         positive(rate_hz, "rate_hz")?;
@@ -134,6 +140,7 @@ impl BodyProblem {
                 .map(|(axis, bone, mean, std)| AxisAngle { axis: seen(axis), bone, angle: [mean, std] })
                 .collect(),
             differences: differences.into_iter().map(|(a, b, std)| Difference { bones: [a, b], std }).collect(),
+            skins: skins.into_iter().map(|(sensor, turn_std, shift_std)| Skin { sensor, turn_std, shift_std }).collect(),
             noise,
             gravity,
         };
@@ -167,8 +174,9 @@ impl BodyProblem {
     }
 
     /// The most probable state from a start: `q` (K, S, 4), `velocity`, `position`, `gyr_bias`, `acc_bias` (K, S, 3), `centers`,
-    /// `axes` (J, 2, 3). `held` (C, C), where given, is the covariance of constants that stay as they are. `watch`, where given, is called with (trial, cost, promised, damping) and may raise to stop.
-    #[pyo3(signature = (q, velocity, position, gyr_bias, acc_bias, centers, axes, descent, covariance, watch=None, held=None))]
+    /// `axes` (J, 2, 3), `skins` (T, 2, 3). `drives` (K, T, 1) are the
+    /// angles that move the skins, rad. `held` (C, C), where given, is the covariance of constants that stay as they are. `watch`, where given, is called with (trial, cost, promised, damping) and may raise to stop.
+    #[pyo3(signature = (q, velocity, position, gyr_bias, acc_bias, centers, axes, skins, drives, descent, covariance, watch=None, held=None))]
     #[expect(clippy::too_many_arguments, reason = "one call from one place in Python, all by position")]
     fn minimise(
         &self,
@@ -180,6 +188,8 @@ impl BodyProblem {
         acc_bias: PyReadonlyArray3<'_, f64>,
         centers: PyReadonlyArray3<'_, f64>,
         axes: PyReadonlyArray3<'_, f64>,
+        skins: PyReadonlyArray3<'_, f64>,
+        drives: PyReadonlyArray3<'_, f64>,
         descent: (usize, f64, f64),
         covariance: bool,
         watch: Option<Py<PyAny>>,
@@ -194,13 +204,16 @@ impl BodyProblem {
             part(&gyr_bias, "gyr_bias")?,
             part(&acc_bias, "acc_bias")?,
         ];
-        let pairs = |array, name| {
-            let rows = flat(array, [joints, 2, 3], name)?.as_chunks::<6>().0;
+        let pairs = |array, count, name| {
+            let rows = flat(array, [count, 2, 3], name)?.as_chunks::<6>().0;
             Ok::<Vec<_>, PyErr>(
                 rows.iter().map(|[a, b, c, d, e, f]| [Vector3::new(*a, *b, *c), Vector3::new(*d, *e, *f)]).collect(),
             )
         };
-        let (centers, mut axes) = (pairs(&centers, "centers")?, pairs(&axes, "axes")?);
+        let (centers, mut axes) = (pairs(&centers, joints, "centers")?, pairs(&axes, joints, "axes")?);
+        let count = self.model.skins.len();
+        let skins = pairs(&skins, count, "skins")?;
+        let drives = flat(&drives, [moments, count, 1], "drives")?;
         for axis in axes.iter_mut().flatten() {
             *axis = axis.try_normalize(1e-9).ok_or_else(|| PyValueError::new_err("axes must not be zero"))?;
         }
@@ -220,7 +233,7 @@ impl BodyProblem {
                 motion
             })
             .collect();
-        let start = State { motions, centers, axes };
+        let start = State { motions, centers, axes, skins };
         let constants = self.model.constants();
         let held = match &held {
             None => None,
@@ -241,6 +254,7 @@ impl BodyProblem {
         let (end, known, squares) = py.detach(|| {
             let mut problem = Problem::new(&self.model, &self.moments, &start);
             problem.held = held;
+            problem.drives.copy_from_slice(drives);
             let mut number = 0;
             let mut told = |trial: &Trial| {
                 number += 1;
@@ -302,6 +316,7 @@ impl BodyProblem {
             acc_bias: of(|m| m.acc_bias)?,
             centers: pairs(&state.centers)?,
             axes: pairs(&state.axes)?,
+            skins: pairs(&state.skins)?,
             link_squares: cube(py, self.model.sensors, squares.0.into_iter().map(|v| [v]))?,
             joint_squares: cube(py, self.model.joints.len(), squares.1.into_iter())?,
             status: status_name(end.status),

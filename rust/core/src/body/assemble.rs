@@ -7,9 +7,10 @@ use super::{
     band::{Band, triangle, upper},
     factors::{
         axes_agree, axis_angle, gauge::Gauge, hinge, imu, joint_center, length_difference, length_limits, segment_length,
+        skin::Seat,
     },
     loss::Loss,
-    model::{LIMITS, Model, Seen},
+    model::{LIMITS, Model, Seen, Skin},
     moments::Moments,
     states::{ACC_BIAS, GYR_BIAS, POSITION, State, TURN, UNKNOWNS, VELOCITY},
     tiles::{N, Row, Tile, add},
@@ -29,6 +30,8 @@ pub struct Problem<'a> {
     /// Where other data have said what the constants are: their covariance, by rows. They are then held, and only how uncertain
     /// they are enters the uncertainty of all else (Schmidt 1966).
     pub held: Option<Vec<f64>>,
+    /// Angle that moves each skin, moment by moment, rad.
+    pub drives: Vec<f64>,
 }
 
 /// Information that holds a constant, 1/m² and 1/rad².
@@ -38,9 +41,10 @@ const HELD: f64 = 1e18;
 /// Damping is measured by them. The diagonal of the system would not do: a chain hardly resists moving as a whole, however stiff
 /// each of its ties.
 const SCALES: [f64; 5] = [0.3, 1.0, 1.0, 0.01, 0.1];
-/// Likewise of joint centres, m, and axes, rad.
+/// Likewise of joint centres, m, axes, rad, and skins, rad/rad and m/rad.
 const CENTER_SCALE: f64 = 0.1;
 const AXIS_SCALE: f64 = 0.3;
+const SKIN_SCALES: [f64; 2] = [0.1, 0.03];
 /// Rows of one joint at most: centre, hinge from both sides, both axes.
 const ROWS: usize = 12;
 
@@ -55,6 +59,26 @@ impl Problem<'_> {
             centers: start.centers.clone(),
             gauges: begin.map(|k| (k, Gauge::of(&start.motions[k * sensors]))).collect(),
             held: None,
+            drives: vec![0.0; moments.len() * model.skins.len()],
+        }
+    }
+
+    /// How a sensor sits on its bone at moment k.
+    fn seat(&self, sensor: usize, k: usize, state: &State) -> Seat {
+        let drives = &self.drives[k * self.model.skins.len()..];
+        let own = |(skin, _): &(&Skin, _)| skin.sensor == sensor;
+        Seat::new(self.model.skins.iter().zip(state.skins.iter().zip(drives)).filter(own).map(|(_, moved)| moved))
+    }
+
+    /// Usual size of a step of a constant.
+    fn scale(&self, place: usize) -> f64 {
+        let (axes, skins) = (6 * self.model.joints.len(), self.model.skin_at(0));
+        if place < axes {
+            CENTER_SCALE
+        } else if place < skins {
+            AXIS_SCALE
+        } else {
+            SKIN_SCALES[(place - skins) / 3 % 2]
         }
     }
 
@@ -134,7 +158,9 @@ impl Problem<'_> {
         for (j, joint) in self.model.joints.iter().enumerate() {
             let [a, b] = joint.sensors.map(|s| &state.motions[k * sensors + s]);
             let [rate_a, rate_b] = joint.sensors.map(|s| &self.moments.rates[k * sensors + s]);
-            let center = joint_center::residual(a, b, &state.centers[j]);
+            let seats = joint.sensors.map(|s| self.seat(s, k, state));
+            let centers = [0, 1].map(|side| seats[side].point(&state.centers[j][side]));
+            let center = joint_center::residual(a, b, &centers);
             let mut terms = [Term { square: center.component_div(&Vector3::from(joint.center_std)).norm_squared() }; 4];
             let mut count = 1;
             if let Some(std) = joint.hinge_std {
@@ -172,9 +198,8 @@ impl Problem<'_> {
                 corner[upper(i / N, gradient_tile)].0[i % N][gradient_column] += weight * u * e;
             }
         });
-        let axes = 6 * self.model.joints.len();
         for i in 0..constants {
-            let scale = if i < axes { CENTER_SCALE } else { AXIS_SCALE };
+            let scale = self.scale(i);
             corner[upper(i / N, i / N)].0[i % N][i % N] += damping / (scale * scale);
         }
         // What is open shall not stop the elimination: nothing is known of a joint centre beyond a kilometre.
@@ -186,13 +211,11 @@ impl Problem<'_> {
     /// `δᵀ D δ` of the damping D.
     pub fn damped(&self, damping: f64, steps: &[f64], border: &[f64]) -> f64 {
         let scaled = |v: f64, scale: f64| v * v / (scale * scale);
-        let axes = 6 * self.model.joints.len();
         let nodes: f64 = steps
             .chunks_exact(N)
             .map(|step| step[..UNKNOWNS].iter().enumerate().map(|(a, v)| scaled(*v, SCALES[a / 3])).sum::<f64>())
             .sum();
-        let constants: f64 =
-            border.iter().enumerate().map(|(i, v)| scaled(*v, if i < axes { CENTER_SCALE } else { AXIS_SCALE })).sum();
+        let constants: f64 = border.iter().enumerate().map(|(i, v)| scaled(*v, self.scale(i))).sum();
         damping * (nodes + constants)
     }
 
@@ -305,7 +328,10 @@ impl Problem<'_> {
         let (a, b) = (&state.motions[k * s + ia], &state.motions[k * s + ib]);
         let mut rows = Rows::new(band.wide, gradient_tile, gradient_column);
 
-        let center = joint_center::linearised(a, b, &state.centers[j]);
+        let seats = joint.sensors.map(|s| self.seat(s, k, state));
+        let drives = &self.drives[k * model.skins.len()..];
+        let centers = [0, 1].map(|side| seats[side].point(&state.centers[j][side]));
+        let center = joint_center::linearised(a, b, &centers);
         let inverse = Vector3::from(joint.center_std).map(|std| 1.0 / std);
         let (bent, residual) = loss.bend(&center.residual.component_mul(&inverse));
         let white = bent * Matrix3::from_diagonal(&inverse);
@@ -313,7 +339,15 @@ impl Problem<'_> {
         for (side, sign) in [(0, 1.0), (1, -1.0)] {
             rows.put(side, TURN, &(white * center.turns[side] * [a, b][side].turn.transpose()));
             rows.put(side, POSITION, &(white * sign));
-            rows.put_wide(model.center_at(j, side), &(white * center.centers[side]));
+            let by_center = white * center.centers[side];
+            rows.put_wide(model.center_at(j, side), &(by_center * seats[side].turn));
+            let by_turn = by_center * seats[side].by_turn(&state.centers[j][side]);
+            for (n, (skin, angle)) in model.skins.iter().zip(drives).enumerate() {
+                if skin.sensor == joint.sensors[side] {
+                    rows.put_wide(model.skin_at(n), &(by_turn * *angle));
+                    rows.put_wide(model.skin_at(n) + 3, &(by_center * *angle));
+                }
+            }
         }
         if let Some(std) = joint.hinge_std {
             let axes = &state.axes[j];
@@ -391,6 +425,12 @@ impl Problem<'_> {
             }
             take(e, difference.std, &row);
         }
+        for (n, (skin, [turn, shift])) in model.skins.iter().zip(&state.skins).enumerate() {
+            for c in 0..3 {
+                take(turn[c], skin.turn_std, &[(model.skin_at(n) + c, 1.0)]);
+                take(shift[c], skin.shift_std, &[(model.skin_at(n) + 3 + c, 1.0)]);
+            }
+        }
         if model.noise.center.is_finite() {
             for (j, (now, before)) in state.centers.iter().zip(&self.centers).enumerate() {
                 for side in 0..2 {
@@ -413,13 +453,17 @@ struct Rows {
     count: usize,
     sides: [[Row; ROWS]; 2],
     wide: Vec<[Row; ROWS]>,
+    /// Which tiles of the border hold anything: few do.
+    used: Vec<bool>,
     gradient: (usize, usize),
 }
 
 impl Rows {
     fn new(wide: usize, gradient_tile: usize, gradient_column: usize) -> Self {
         let none = [[0.0; N]; ROWS];
-        Self { count: 0, sides: [none; 2], wide: vec![none; wide], gradient: (gradient_tile, gradient_column) }
+        let mut used = vec![false; wide];
+        used[gradient_tile] = true;
+        Self { count: 0, sides: [none; 2], wide: vec![none; wide], used, gradient: (gradient_tile, gradient_column) }
     }
 
     /// Begins three rows with this residual.
@@ -438,6 +482,7 @@ impl Rows {
     fn put_wide(&mut self, at: usize, block: &Matrix3<f64>) {
         let from = self.count - 3;
         for c in 0..3 {
+            self.used[(at + c) / N] = true;
             (0..3).for_each(|r| self.wide[(at + c) / N][from + r][(at + c) % N] += block[(r, c)]);
         }
     }
@@ -445,6 +490,7 @@ impl Rows {
     fn put_pair(&mut self, at: usize, block: &Matrix3x2<f64>) {
         let from = self.count - 3;
         for c in 0..2 {
+            self.used[(at + c) / N] = true;
             (0..3).for_each(|r| self.wide[(at + c) / N][from + r][(at + c) % N] += block[(r, c)]);
         }
     }
@@ -454,15 +500,15 @@ impl Rows {
         for (side, sensor) in sensors.into_iter().enumerate() {
             let rows = &self.sides[side][..count];
             add(width, &mut band.diagonal[k * tri + upper(sensor, sensor)], rows, rows);
-            for (c, beside) in self.wide.iter().enumerate() {
+            for (c, beside) in self.wide.iter().enumerate().filter(|(c, _)| self.used[*c]) {
                 add(width, &mut band.border[(k * s + sensor) * wide + c], rows, &beside[..count]);
             }
         }
         let (low, high) = if sensors[0] < sensors[1] { (0, 1) } else { (1, 0) };
         let tile = &mut band.diagonal[k * tri + upper(sensors[low], sensors[high])];
         add(width, tile, &self.sides[low][..count], &self.sides[high][..count]);
-        for c in 0..wide {
-            for b in 0..=c {
+        for c in (0..wide).filter(|c| self.used[*c]) {
+            for b in (0..=c).filter(|b| self.used[*b]) {
                 add(width, &mut band.corner[upper(b, c)], &self.wide[b][..count], &self.wide[c][..count]);
             }
         }

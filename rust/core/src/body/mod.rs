@@ -5,7 +5,8 @@
 //!
 //! Of every sensor ten times a second ([`moments`]): orientation, velocity, position, gyroscope and accelerometer bias, 15
 //! numbers, so 105 for seven sensors ([`states`]). Of the body: each joint's centre as seen from the sensors on either side (36
-//! numbers), and each knee's axis in thigh and shank (8). The paper also estimates the angular rate at every moment (21 more);
+//! numbers), each knee's axis in thigh and shank (8), and how skin turns and shifts the sensors of thighs and shanks as knees and
+//! hips bend (36, [`factors::skin`]; not in the paper). The paper also estimates the angular rate at every moment (21 more);
 //! it enters only linearly and only into the hinge, so it is eliminated beforehand, exactly where both axes agree
 //! ([`factors::hinge`]).
 //!
@@ -18,11 +19,13 @@
 //!
 //! One file each in [`factors`], all with analytic derivatives: dynamics by preintegration ([`preintegration`]), random walk of
 //! the biases, hinge, joint centre, and of the body alone length, limits, difference, and angle of axis and bone. Joint centres
-//! and hinges may have Student's t ([`loss`]): soft tissue enters there.
+//! and hinges may have Student's t ([`loss`]): soft tissue enters there, but for what of it follows the flexion of a joint. That
+//! moves a joint's centre in the sensor in proportion; taken for white it would push centres aside by millimetres, and would
+//! count as known ever better the longer it lasts.
 //!
 //! # Solution
 //!
-//! Moment by moment the normal equations are a chain of dense blocks with a border of 44 constants ([`band`]): every moment is
+//! Moment by moment the normal equations are a chain of dense blocks with a border of 80 constants ([`band`]): every moment is
 //! tied to the next sensor by sensor only, and eliminating one fills the next completely (the joints see to that), so a general
 //! sparse solver finds no more zeros than this order has. A block of 16×16 a sensor ([`tiles`]) keeps all of the work in a
 //! few kernels, which are compiled for 128, 256 and 512 bits and chosen when run: 0.05 s an iteration of 30 s, 0.13 s of 90 s

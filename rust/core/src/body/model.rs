@@ -57,6 +57,18 @@ pub struct Difference {
     pub std: f64,
 }
 
+/// Skin and straps beneath a sensor, which turn and shift it on its bone in proportion to an angle of a joint nearby: the first
+/// term of whatever they do in step with the movement. A thigh may have two of them, for knee and hip.
+#[derive(Clone, Copy, Debug)]
+pub struct Skin {
+    /// Whose.
+    pub sensor: usize,
+    /// Turn about each axis beforehand, rad/rad, around zero.
+    pub turn_std: f64,
+    /// Shift along each axis beforehand, m/rad, around zero.
+    pub shift_std: f64,
+}
+
 /// How sure the sensors are, and what is known beforehand.
 #[derive(Clone, Copy, Debug)]
 pub struct Noise {
@@ -97,6 +109,8 @@ pub struct Model {
     pub angles: Vec<AxisAngle>,
     /// Left against right.
     pub differences: Vec<Difference>,
+    /// What soft tissue does in step with the movement; empty: sensors sit on bone (the paper).
+    pub skins: Vec<Skin>,
     /// Standard deviations.
     pub noise: Noise,
     /// Gravity, m/s².
@@ -118,9 +132,14 @@ impl Model {
         6 * self.joints.len() + 4 * hinges + 2 * side
     }
 
+    /// Place of a skin in the border: turn, then shift.
+    pub fn skin_at(&self, skin: usize) -> usize {
+        self.axis_at(self.joints.len(), 0) + 6 * skin
+    }
+
     /// Unknowns of the border.
     pub fn constants(&self) -> usize {
-        self.axis_at(self.joints.len(), 0)
+        self.skin_at(self.skins.len())
     }
 
     /// What is wrong with it, in words; None where nothing is.
@@ -138,6 +157,7 @@ impl Model {
                 self.angles.iter().all(|a| self.joints.get(a.axis.joint).is_some_and(|j| j.hinge_std.is_some())),
                 "an angle names no hinge",
             ),
+            (self.skins.iter().all(|s| s.sensor < self.sensors), "a skin names no sensor"),
             (self.differences.iter().all(|d| d.bones.iter().all(|b| *b < self.bones.len())), "a difference names no bone"),
         ];
         checks.iter().find(|(good, _)| !good).map(|(_, what)| *what)

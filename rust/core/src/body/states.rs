@@ -70,6 +70,8 @@ pub struct State {
     pub centers: Vec<[Vector3<f64>; 2]>,
     /// Of each joint, its axis in the frames of the sensors on either side; meaningless where the joint is no hinge.
     pub axes: Vec<[Vector3<f64>; 2]>,
+    /// Of each skin, by how much it turns its sensor on the bone and shifts it, rad/rad and m/rad.
+    pub skins: Vec<[Vector3<f64>; 2]>,
 }
 
 impl State {
@@ -88,6 +90,12 @@ impl State {
                 }
             }
         }
-        Self { motions, centers, axes }
+        let mut skins = self.skins.clone();
+        for (n, skin) in skins.iter_mut().enumerate() {
+            for (part, step) in skin.iter_mut().zip(border[model.skin_at(n)..].chunks_exact(3)) {
+                *part += Vector3::new(step[0], step[1], step[2]);
+            }
+        }
+        Self { motions, centers, axes, skins }
     }
 }

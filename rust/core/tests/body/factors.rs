@@ -4,6 +4,7 @@ use imufast_core::{
     body::{
         factors::{
             axes_agree, axis_angle, gauge::Gauge, hinge, imu, joint_center, length_difference, length_limits, segment_length,
+            skin::Seat,
         },
         preintegration::{Preintegrated, Step},
         states::{GYR_BIAS, Motion, POSITION, TURN, VELOCITY},
@@ -130,6 +131,37 @@ fn joint_centers() {
             }
         }
     }
+}
+
+#[test]
+fn centers_under_skin() {
+    let mut random = Random(8);
+    for size in [0.0, 0.1, 1.0] {
+        let skins = [[random.vector(size), random.vector(0.02)], [random.vector(size), random.vector(0.02)]];
+        let (angles, point) = ([0.7, -1.2], random.vector(0.3));
+        let at = |skins: &[[Vector3<f64>; 2]; 2], point: &Vector3<f64>| Seat::new(skins.iter().zip(&angles)).point(point);
+        let seat = Seat::new(skins.iter().zip(&angles));
+        for c in 0..3 {
+            let mut unit = Vector3::zeros();
+            unit[c] = 1.0;
+            let found = slope(|h| three(at(&skins, &(point + unit * h))));
+            assert!(apart(&found, &three(seat.turn.column(c).into())) < TOLERANCE);
+            for (n, angle) in angles.iter().enumerate() {
+                for (part, stated) in [(0, seat.by_turn(&point)), (1, nalgebra::Matrix3::identity())] {
+                    let found = slope(|h| {
+                        let mut moved = skins;
+                        moved[n][part][c] += h;
+                        three(at(&moved, &point))
+                    });
+                    assert!(apart(&found, &three(stated.column(c) * *angle)) < TOLERANCE);
+                }
+            }
+        }
+    }
+    // Two skins that undo each other leave everything in its place.
+    let skins = [[Vector3::x(), Vector3::y()]; 2];
+    let point = Seat::new(skins.iter().zip(&[0.5, -0.5])).point(&Vector3::z());
+    assert!((point - Vector3::z()).norm() < 1e-15);
 }
 
 #[test]

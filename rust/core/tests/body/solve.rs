@@ -5,7 +5,7 @@ use imufast_core::{
     body::{
         assemble::Problem,
         band::Band,
-        model::{AxisAngle, Bone, Difference, Joint, Model, Noise, Seen},
+        model::{AxisAngle, Bone, Difference, Joint, Model, Noise, Seen, Skin},
         moments::{Moments, Readings, Sampling, Spacing},
         solve::{Descent, Status, eliminated, minimise},
         states::{Motion, State},
@@ -35,6 +35,7 @@ pub fn model() -> Model {
         ],
         angles: vec![AxisAngle { axis: Seen { joint: 1, side: 0 }, bone: 0, angle: [1.5, 0.04] }],
         differences: vec![],
+        skins: vec![],
         noise: Noise {
             gyr: 2e-4,
             acc: 3e-3,
@@ -166,7 +167,7 @@ impl Body {
         let shake = turn * 0.3;
         let centers = self.centers.iter().map(|c| c.map(|v| v + random.vector(shake * 0.3))).collect();
         let axes = self.axes.iter().map(|a| a.map(|v| (v + random.vector(shake)).normalize())).collect();
-        State { motions, centers, axes }
+        State { motions, centers, axes, skins: vec![] }
     }
 }
 
@@ -186,12 +187,15 @@ fn the_system_is_the_gradient_of_the_cost_and_the_step_solves_it() {
     let (body, mut model) = (body(1.1, true, 5), model());
     model.joints[1].axes_std = Some(0.05);
     model.differences = vec![Difference { bones: [0, 0], std: 0.01 }];
+    model.skins = [1, 1, 2].map(|sensor| Skin { sensor, turn_std: 0.05, shift_std: 0.01 }).into();
     for tail in [f64::INFINITY, 4.0] {
         model.noise.tail = tail;
         let moments = body.moments(&model);
         let mut random = Random(6);
-        let start = body.start(&moments, &mut random, 0.05);
-        let problem = Problem::new(&model, &moments, &start);
+        let mut start = body.start(&moments, &mut random, 0.05);
+        start.skins = vec![[Vector3::zeros(); 2]; 3];
+        let mut problem = Problem::new(&model, &moments, &start);
+        problem.drives.iter_mut().for_each(|angle| *angle = random.normal());
         // Away from where gauge and priors are zero.
         let count = moments.len() * 3;
         let shake: Vec<f64> = (0..count * N).map(|_| 0.002 * random.normal()).collect();
@@ -287,6 +291,43 @@ fn a_gap_leaves_two_stretches_that_share_the_body() {
 }
 
 #[test]
+fn skin_that_moves_with_the_knee_is_found() {
+    let (body, mut model) = (body(6.0, false, 7), model());
+    model.skins = vec![Skin { sensor: 2, turn_std: 0.1, shift_std: 0.05 }];
+    let moments = body.moments(&model);
+    let mut start = body.start(&moments, &mut Random(8), 0.05);
+    // As if the shank's sensor had slid over the bone: its true place now shifts with an angle.
+    let angle = |k: usize| (0.9 * k as f64).sin();
+    start.skins = vec![[Vector3::zeros(); 2]];
+    let found = |skins: bool| {
+        let mut slid = body.moments(&model);
+        let shift = Vector3::new(0.01, -0.02, 0.015);
+        // A sensor that is displaced by `shift θ` sees the knee displaced by less than that: increments change by it.
+        for k in 0..slid.len() - 1 {
+            let (here, after) = (shift * angle(k), shift * angle(k + 1));
+            let turn = body.truth[2][slid.moments[k + 1].sample].turn;
+            let from = body.truth[2][slid.moments[k].sample].turn;
+            if let Some(link) = &mut slid.links[k * 3 + 2] {
+                link.pre.position -= from.tr_mul(&(turn * after)) - here;
+            }
+        }
+        let mut model = model.clone();
+        let mut start = start.clone();
+        if !skins {
+            model.skins.clear();
+            start.skins.clear();
+        }
+        let mut problem = Problem::new(&model, &slid, &start);
+        problem.drives.iter_mut().enumerate().for_each(|(k, drive)| *drive = angle(k));
+        minimise(&problem, start, &Descent::default(), &mut |_| true)
+    };
+    let (with, without) = (found(true), found(false));
+    assert!(with.cost < 0.2 * without.cost, "{} {}", with.cost, without.cost);
+    let off = with.state.skins[0][1] - Vector3::new(0.01, -0.02, 0.015);
+    assert!(off.norm() < 0.003, "{:?}", with.state.skins);
+}
+
+#[test]
 fn ends_are_told_by_name() {
     let (body, model) = (body(1.5, true, 3), model());
     let moments = body.moments(&model);
@@ -310,6 +351,9 @@ fn a_body_that_makes_no_sense_is_named() {
     let mut strange = model();
     strange.angles[0].axis.joint = 0;
     assert_eq!(strange.fault(), Some("an angle names no hinge"));
+    let mut bare = model();
+    bare.skins = vec![Skin { sensor: 3, turn_std: 0.05, shift_std: 0.01 }];
+    assert_eq!(bare.fault(), Some("a skin names no sensor"));
 }
 
 #[test]

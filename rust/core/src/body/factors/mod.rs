@@ -12,3 +12,4 @@ pub mod joint_center;
 pub mod length_difference;
 pub mod length_limits;
 pub mod segment_length;
+pub mod skin;
