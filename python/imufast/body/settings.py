@@ -85,7 +85,7 @@ class LowerBodySettings(Checked):
         gyr_walk, acc_walk: random walk of the biases, rad/s/√s and m/s²/√s; defaults 2e-5 and 2e-4.
         gyr_bias_std, acc_bias_std: of each bias channel around what `track` finds, rad/s and m/s²; defaults 0.005 and 0.1.
         hip_std_m, knee_std_m, ankle_std_m: how far apart the sensors on either side may see a joint, m: soft tissue that does
-            not follow the flexion in proportion. Defaults 0.025, 0.013, 0.01. These and the next two are of residuals 0.1 s
+            not follow the flexion in proportion. Defaults 0.03, 0.013, 0.01. These and the next two are of residuals 0.1 s
             apart, whatever `key_step_s`.
         hinge_std: rate of a knee across its axis, rad/s; default 0.5.
         axes_std_deg: how far the knee's axis in the shank may stand off that in the thigh, degrees; None: not asked, as the
@@ -116,7 +116,7 @@ class LowerBodySettings(Checked):
     acc_walk: float = 2e-4
     gyr_bias_std: float = 0.005
     acc_bias_std: float = 0.1
-    hip_std_m: float = 0.025
+    hip_std_m: float = 0.03
     knee_std_m: float = 0.013
     ankle_std_m: float = 0.01
     hinge_std: float = 0.5
