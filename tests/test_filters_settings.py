@@ -22,7 +22,7 @@ from imufast import (
     simulate_ball_joint,
     track,
 )
-from test_track import apart_deg, ball, known, pair, sound
+from track_cases import apart_deg, ball, known, pair, sound
 
 
 @cache

@@ -22,7 +22,7 @@ from imufast import (
     track,
 )
 from numpy.typing import NDArray
-from test_track import apart_deg, known
+from track_cases import apart_deg, known
 
 Array = NDArray[np.float64]
 VARIANTS: dict[str, Any] = {

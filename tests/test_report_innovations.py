@@ -16,7 +16,7 @@ from imufast.report.link import joint_acc
 from imufast.smoother import Smoother
 from numpy.typing import NDArray
 from test_report import Page
-from test_track import back, times
+from track_cases import back, times
 
 Array = NDArray[np.float64]
 GYR_STD, ACC_STD = 0.004, 0.05

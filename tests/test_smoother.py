@@ -25,7 +25,7 @@ from imufast import (
     track,
 )
 from numpy.typing import NDArray
-from test_track import apart_deg, ball, honest, known, pair, sound
+from track_cases import apart_deg, ball, honest, known, pair, sound
 
 Array = NDArray[np.float64]
 

@@ -24,7 +24,7 @@ from imufast import (
     track,
     track_many,
 )
-from test_track import apart_deg, ball, known, sound
+from track_cases import apart_deg, ball, known, sound
 
 SETTINGS: list[Any] = [
     "mekf",

@@ -25,7 +25,7 @@ from imufast import (
 )
 from imufast.simulate import PairSimulation
 from numpy.typing import NDArray
-from test_track import FILTERS, METHODS, apart_deg, back, sound, times
+from track_cases import FILTERS, METHODS, apart_deg, back, sound, times
 
 Array = NDArray[np.float64]
 SEEDS = range(20)
