@@ -130,7 +130,7 @@ fn between(count: usize, sensors: usize, constants: usize) -> DMatrix<f64> {
 /// With the whole known to no better than a standard deviation of thirty or a thousand kilometres.
 #[test]
 fn marginals_are_blocks_of_the_inverse_between_the_sensors() {
-    for (count, sensors, constants, broken) in [(4, 3, 20, 9), (4, 2, 15, 1), (3, 1, 0, 9), (3, 2, 16, 9), (30, 3, 4, 17)] {
+    for (count, sensors, constants, broken) in [(4, 3, 20, 9), (4, 2, 15, 1), (3, 1, 0, 9), (3, 2, 16, 9), (8, 2, 4, 5)] {
         let (_, h, _) = system(count, sensors, constants, broken, 0.3, &mut Random(13));
         let between = between(count, sensors, constants);
         let inverse = &between * h.try_inverse().expect("it is positive definite") * between.transpose();
