@@ -71,6 +71,7 @@ CHANGES: dict[str, tuple[Any, bool]] = {
     "acc_bias_change_std": (1.0, True),
     "gyr_bias_change_std": (0.02, True),
     "max_iterations": (1, False),
+    "most_parts": (1, False),
 }
 
 
@@ -154,6 +155,7 @@ def test_a_prior_may_hold_anything_that_a_calibration_may() -> None:
         ("acc_bias_change_std", [0.0, None]),
         ("gyr_bias_change_std", [0.0, None]),
         ("max_iterations", [0, -1, 2.5, True, None, 10**6]),
+        ("most_parts", [0, -1, 2.5, True, None, 10**6]),
     ],
 )
 def test_settings_are_refused_by_name(name: str, values: list[Any]) -> None:

@@ -270,8 +270,9 @@ def paired(peer_seconds: float) -> None:
             ("peer", found, f"{theirs:.2f}{ended}"),
             ("imufast", val, f"{100.0 * (ours / theirs - 1.0):+.2f} %"),
         ):
-            rows.append([f"seed {seed}, {who}", cost, *scores(P, end)])
-            numbers.append([float(x) for cell in scores(P, end) for x in cell.split(" / ")])
+            cells = scores(P, end)
+            rows.append([f"seed {seed}, {who}", cost, *cells])
+            numbers.append([float(x) for cell in cells for x in cell.split(" / ")])
     both = np.array(numbers).reshape(5, 2, -1)
     for k, who in enumerate(("peer", "imufast")):
         mean, off = both[:, k].mean(axis=0), both[:, k].std(axis=0, ddof=1) / np.sqrt(5.0)

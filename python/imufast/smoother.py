@@ -45,6 +45,8 @@ class Smoother(Checked):
         acc_bias_change_std: likewise of each accelerometer bias channel, m/s²: temperature. Default 0.05.
         gyr_bias_change_std: likewise of each gyroscope bias channel, rad/s. Default 0.002 (0.1 deg/s).
         max_iterations: Gauss-Newton iterations. Default 60.
+        most_parts: a recording is held against itself in so many parts at most, of 5 s at least, to see how far it may be off
+            (`parts_ratio`), which takes as long again; 1: not. Default 4.
 
     Raises:
         SettingsError: a value is out of its range.
@@ -64,6 +66,7 @@ class Smoother(Checked):
     acc_bias_change_std: float = 0.05
     gyr_bias_change_std: float = 0.002
     max_iterations: int = 60
+    most_parts: int = 4
 
     def __post_init__(self) -> None:
         ranges = {
@@ -86,6 +89,7 @@ class Smoother(Checked):
             if name not in optional or getattr(self, name) is not None:
                 self._number(name, low, high)
         self._count("max_iterations", 1, 100_000)
+        self._count("most_parts", 1, 100)
 
     def prior(self, calibration: JointCalibration | None) -> tuple[Array, Array]:
         """Most probable values (18,) and their inverse covariance (18, 18) of r_1, r_2 (from the joint centre to the sensor),
@@ -140,8 +144,8 @@ def run_smoother(imu1: Imu, imu2: Imu, calibration: JointCalibration | None, set
     )
 
 
-MOST_PARTS, PART_S = 4, 5.0
-"""A recording is held against itself in so many parts, of at least so long, s."""
+PART_S = 5.0
+"""A part of a recording that is held against the others lasts at least so long, s."""
 
 
 def parts_ratio(imu1: Imu, imu2: Imu, settings: Smoother) -> float | None:
@@ -153,7 +157,7 @@ def parts_ratio(imu1: Imu, imu2: Imu, settings: Smoother) -> float | None:
     the difference d, the model expects of `dᵀ(Σ₁ + Σ₂)⁻¹d` the trace of `(Σ₁ + Σ₂)⁻¹D`, where
     `D = Σ₁ − Σ₁ΛΣ₁ + Σ₂ − Σ₂ΛΣ₂ + (Σ₁ − Σ₂)Λ(Σ₁ − Σ₂)`; the ratio is over all pairs of parts.
     """
-    parts = min(MOST_PARTS, int(imu1.duration_s / PART_S))
+    parts = min(settings.most_parts, int(imu1.duration_s / PART_S))
     if parts < 2:
         return None
     edges = [round(k * len(imu1) / parts) for k in range(parts + 1)]

@@ -14,6 +14,7 @@ from imufast.body.stance import STILL, Rests
 from imufast.calibrate import calibrate_joint
 from imufast.imu import BREAK_STEPS, Imu, Recording
 from imufast.quaternion import conjugate, exp, matrix, multiply, rotate
+from imufast.smoother import Smoother
 from imufast.track import RelativeOrientation, TrackStatus, track
 
 __all__ = ["BodyStart", "JointStart", "joint_start"]
@@ -22,6 +23,8 @@ Array = NDArray[np.float64]
 TILT_S = 10.0
 """Over so long to either side specific force is averaged to tell what is up, s: longer than any movement."""
 
+ALONE = Smoother(most_parts=1)
+"""How two sensors are tracked: a start need not know how far parts of it differ."""
 OPEN_DEG = 30.0
 """Two sensors whose turn against each other is less certain than this do not show it."""
 
@@ -48,12 +51,12 @@ class JointStart:
 def joint_start(upper: Imu, lower: Imu, knee: bool, before: JointStart | None = None) -> JointStart:
     """A joint from its two sensors; centre and axis are those from `before`, where it is given, and biases start there."""
     if before is not None:
-        rel = track(upper, lower, before.rel.calibration)
+        rel = track(upper, lower, before.rel.calibration, ALONE)
         found = rel.calibration
         biases = np.stack([[found.gyr_bias1, found.acc_bias1], [found.gyr_bias2, found.acc_bias2]])
         return JointStart(rel, before.centers, before.axes, biases, rel.status is TrackStatus.TRACKED)
     known = calibrate_joint(upper, lower, joint="hinge" if knee else "ball")
-    rel = track(upper, lower, known)
+    rel = track(upper, lower, known, ALONE)
     found = rel.calibration
     centers = np.zeros((2, 3)) if found.center is None else np.stack([found.center.in_sensor1, found.center.in_sensor2])
     axes = np.tile([1.0, 0.0, 0.0], (2, 1))
