@@ -134,10 +134,11 @@ def speed(real: Real, rounds: int) -> Rows:
             return imufast.track_many([real.pair] * EIGHT, [real.calibration] * EIGHT, method)
 
         def core(asked: dict[str, Any] = asked, time_s: Array | None = real.time_s) -> object:
-            return _core.track_filter(g1, a1, g2, a2, time_s, asked)
+            return _core.track_filter(g1, a1, g2, a2, time_s, asked, np.empty((SAMPLES, 4)), np.empty(SAMPLES))
 
         def batch(asked: dict[str, Any] = asked) -> object:
-            return _core.track_filter_batch([(g1, a1, g2, a2, None)] * EIGHT, [asked] * EIGHT)
+            room = np.empty((EIGHT * SAMPLES, 4)), np.empty(EIGHT * SAMPLES)
+            return _core.track_filter_batch([(g1, a1, g2, a2, None)] * EIGHT, [asked] * EIGHT, *room)
 
         calls += [
             (name, "track", one, 1, error, whole),
@@ -333,7 +334,7 @@ def one_hour(method: Complementary | Mekf) -> list[str | None]:
     asked = plan(method, calibration, rate_hz, None, 2.0)
     began = time.process_time()
     gyr1, acc1, gyr2, acc2 = arrays
-    _core.track_filter(gyr1, acc1, gyr2, acc2, None, asked)
+    _core.track_filter(*arrays, None, asked, np.empty((samples, 4)), np.empty(samples))
     core = time.process_time() - began
     errors = quaternion_errors_deg(tracked.q_12, truth)
     return [f"{took:.2f}", f"{core:.2f}", "≤ 1", f"{most:.0f}", f"{rms(errors):.2f}", f"{rms(tracked.angle_std_deg):.2f}"]

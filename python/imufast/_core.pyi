@@ -316,7 +316,6 @@ def fit_center_linear(
     undetermined_std: float,
 ) -> CenterFit: ...
 
-_Tracked: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]
 _TimedArrays: TypeAlias = tuple[
     NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None
 ]
@@ -353,10 +352,15 @@ def track_filter(
     acc2: NDArray[np.float64],
     time_s: NDArray[np.float64] | None,
     plan: dict[str, Any],
-) -> tuple[_Tracked, int]: ...
+    q_12: NDArray[np.float64],
+    std_deg: NDArray[np.float64],
+) -> tuple[int, list[tuple[int, int]]]: ...
 def track_filter_batch(
-    recordings: list[_TimedArrays], plans: list[dict[str, Any]]
-) -> tuple[_Tracked, list[tuple[int, int, int]]]: ...
+    recordings: list[_TimedArrays],
+    plans: list[dict[str, Any]],
+    q_12: NDArray[np.float64],
+    std_deg: NDArray[np.float64],
+) -> list[tuple[int, list[tuple[int, int]]]]: ...
 def filter_innovations(
     gyr1: NDArray[np.float64],
     acc1: NDArray[np.float64],

@@ -255,17 +255,17 @@ def estimate_joint_center(
     """
     chosen = settings_from(CenterSettings, settings, keywords)
     check_choice("method", method, METHODS)
-    recording = check_pair(imu1, imu2, same_data=True)
+    check_pair(imu1, imu2, same_data=True)
     pair = _axis_pair(axis)
     if (q_12 is None) == (method == "ls"):
         raise InputError('method "ls" needs q_12, the other methods do not take it')
     quaternions = None if q_12 is None else _quaternions(q_12, len(imu1))
-    stream = _new_stream(recording.rate_hz, chosen, gyr_bias)
-    stream.push(imu1.gyr, imu1.acc, imu2.gyr, imu2.acc, recording.time_s, trusted=True)
+    stream = _new_stream(imu1.rate_hz, chosen, gyr_bias)
+    stream.push(imu1.gyr, imu1.acc, imu2.gyr, imu2.acc, imu1.time_s, trusted=True)
     if quaternions is None:
         return _solve(stream, method, pair, chosen)
     fit = stream.fit_linear(
-        _at_times(quaternions, recording.time_s, stream.times()),
+        _at_times(quaternions, imu1.time_s, stream.times()),
         chosen.acc_bias_std or 0.0,
         chosen.lever_std,
         _bias_std(stream, chosen),

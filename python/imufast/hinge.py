@@ -283,8 +283,8 @@ def calibrate_hinge(imu1: Imu, imu2: Imu, *, settings: HingeSettings | None = No
         InputError: not two Imus of one time base, the same data twice, or too few samples.
         SettingsError: an unknown setting or one out of its range.
     """
-    recording = check_pair(imu1, imu2)
-    calibrator = HingeCalibrator(recording.rate_hz, settings=settings, keep_steps=None, **keywords)
-    calibrator._push(imu1.gyr, imu1.acc, imu2.gyr, imu2.acc, recording.time_s)
+    check_pair(imu1, imu2)
+    calibrator = HingeCalibrator(imu1.rate_hz, settings=settings, keep_steps=None, **keywords)
+    calibrator._push(imu1.gyr, imu1.acc, imu2.gyr, imu2.acc, imu1.time_s)
     gyr_time_s, acc_time_s = calibrator._stream.chosen_times()
     return calibrator._make_result(np.array(gyr_time_s), np.array(acc_time_s))

@@ -58,11 +58,13 @@ class Imu:
         UnitError: gravity reads about 1 or 1000 where 9.81 m/s² is expected.
     """
 
-    __slots__ = ("_acc", "_gyr", "_name", "_rate_hz", "_time_s")
+    __slots__ = ("_acc", "_even_s", "_gyr", "_name", "_rate_hz", "_time_s")
 
     _gyr: Array
     _acc: Array
     _time_s: Array | None
+    """As given; None: even, from 0 on, and as numbers in `_even_s` once somebody has asked."""
+    _even_s: Array | None
     _rate_hz: float
     _name: str
 
@@ -102,6 +104,7 @@ class Imu:
     def _set(self, gyr: Array, acc: Array, time_s: Array | None, rate_hz: float, name: str) -> Imu:
         self._gyr, self._acc = _read_only(gyr), _read_only(acc)
         self._time_s = None if time_s is None else _read_only(time_s)
+        self._even_s = None
         self._rate_hz, self._name = rate_hz, name
         return self
 
@@ -132,11 +135,13 @@ class Imu:
     @property
     def time_s(self) -> Array:
         """(N,) time of each sample, s, read-only; from `rate_hz` it starts at 0."""
-        if self._time_s is None:
+        if self._time_s is not None:
+            return self._time_s
+        if self._even_s is None:
             time_s = np.arange(len(self), dtype=np.float64)
             time_s /= self._rate_hz
-            self._time_s = _read_only(time_s)
-        return self._time_s
+            self._even_s = _read_only(time_s)
+        return self._even_s
 
     def _has_times_of(self, other: Imu) -> bool:
         """Whether the time bases of both, equally long, are the same without a look at the numbers."""
@@ -243,7 +248,7 @@ class Recording(Mapping[str, Imu]):
                 raise InputError(f"imus: two sensors are named {name!r}; give a mapping from name to Imu")
             first = next(iter(self._imus.values()), imu)
             if imu is not first:
-                _check_same_time(first, imu)
+                check_same_time(first, imu)
             self._imus[name] = imu._replace(name=name, time_s=first.time_s, rate_hz=first.rate_hz)
         if not self._imus:
             raise InputError("imus is empty; a recording needs at least one Imu")
@@ -321,7 +326,8 @@ def _read_only(array: Array) -> Array:
     return view
 
 
-def _check_same_time(first: Imu, other: Imu) -> None:
+def check_same_time(first: Imu, other: Imu) -> None:
+    """Raises InputError unless both have the same sample times, within a thousandth of a step."""
     differ = f"imus: {first.name!r} and {other.name!r} have different time bases"
     advice = "align them with imufast.align([...]), or cut both to the same samples"
     if len(first) != len(other):

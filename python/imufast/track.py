@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -45,8 +46,6 @@ LEAST_WINDOWS = 5
 """Fifteen unknowns, an orientation, two lever arms and two accelerometer biases, take five comparisons of three channels."""
 CONTRADICTED_S = 20.0
 """A filter that follows for less than this from one start to the next, gaps aside, s, follows nothing."""
-STARTING, TRACKING, COASTING = 0, 1, 2
-"""What a filter says of each sample."""
 
 
 class TrackStatus(str, Enum):
@@ -165,8 +164,9 @@ def track(
         return _smooth(imu1, imu2, calibration, settings)
     known = calibrate_joint(imu1, imu2) if calibration is None else calibration
     asked = plan(settings, known, imu1.rate_hz, start, start_std_deg, ("start", "start_std_deg"))
-    (q, std, states), restarts = _core.track_filter(imu1.gyr, imu1.acc, imu2.gyr, imu2.acc, imu1.time_s, asked)
-    return _filtered(imu1, q, std, states, restarts, known, settings)
+    q, std_deg = np.empty((len(imu1), 4)), np.empty(len(imu1))
+    restarts, starts = _core.track_filter(imu1.gyr, imu1.acc, imu2.gyr, imu2.acc, imu1._time_s, asked, q, std_deg)
+    return _filtered(imu1, q, std_deg, restarts, starts, known, settings)
 
 
 def track_many(
@@ -200,10 +200,14 @@ def track_many(
             _smooth(imu1, imu2, calibration, settings) for (imu1, imu2), calibration in zip(pairs, calibrations, strict=True)
         ]
     plans = [plan(settings, calibration, imu1.rate_hz) for (imu1, _), calibration in zip(pairs, calibrations, strict=True)]
-    (q, std, states), parts = _core.track_filter_batch([(a.gyr, a.acc, b.gyr, b.acc, a.time_s) for a, b in pairs], plans)
+    edges = [0, *accumulate(len(imu1) for imu1, _ in pairs)]
+    q, std_deg = np.empty((edges[-1], 4)), np.empty(edges[-1])
+    ended = _core.track_filter_batch([(a.gyr, a.acc, b.gyr, b.acc, a._time_s) for a, b in pairs], plans, q, std_deg)
     return [
-        _filtered(imu1, q[since:to], std[since:to], states[since:to], restarts, calibration, settings)
-        for (imu1, _), calibration, (since, to, restarts) in zip(pairs, calibrations, parts, strict=True)
+        _filtered(imu1, q[since:to], std_deg[since:to], restarts, starts, calibration, settings)
+        for (imu1, _), calibration, (since, to), (restarts, starts) in zip(
+            pairs, calibrations, pairwise(edges), ended, strict=True
+        )
     ]
 
 
@@ -226,53 +230,44 @@ def _check_calibration(calibration: object) -> None:
 def _filtered(
     imu: Imu,
     q: Array,
-    std: Array,
-    states: NDArray[np.uint8],
+    std_deg: Array,
     restarts: int,
+    starts: list[tuple[int, int]],
     calibration: JointCalibration,
     settings: Complementary | Mekf,
 ) -> RelativeOrientation:
-    std_deg = np.multiply(std, 180.0 / math.pi, out=std)
-    np.minimum(std_deg, 180.0, out=std_deg)
-    starts = _starts(imu.time_s, states)
-    began = states != STARTING
-    gaps = int((np.diff(imu.time_s) > settings.max_gap_s).sum()) if restarts else 0
+    """What a filter found; `starts` are the rows in which it looked for its start."""
+    time_s, count = imu.time_s, len(imu)
+    # From the first sample of each start to the first after it.
+    starts_s = tuple((float(time_s[since]), float(time_s[min(to, count - 1)])) for since, to in starts)
+    gaps = int((np.diff(time_s) > settings.max_gap_s).sum()) if restarts else 0
     contradicted = max(restarts - gaps, 0)
     why = []
     lost = True
     if calibration.center is None:
         why.append("the joint centre is not known: its acceleration was taken to be that of the sensors")
         std_deg = np.maximum(std_deg, UNKNOWN_DEG)
-    elif contradicted * CONTRADICTED_S > imu.duration_s - sum(to - since for since, to in starts):
+    elif contradicted * CONTRADICTED_S > imu.duration_s - sum(to - since for since, to in starts_s):
         why.append("the two sensors contradict each other again and again: soft tissue, impacts or a wrong calibration")
         std_deg = np.maximum(std_deg, UNKNOWN_DEG)
-    elif not began.any() or 2 * int(np.count_nonzero(std_deg > VAGUE_DEG)) > len(std_deg):
+    elif starts == [(0, count)] or 2 * int(np.count_nonzero(std_deg > VAGUE_DEG)) > count:
         why.append("nothing shows the heading: the joint hardly accelerates sideways, or gaps are too many")
     else:
         lost = False
     if restarts:
         why.append(f"the filter started anew {restarts} time{'s' * (restarts > 1)}")
     return RelativeOrientation(
-        time_s=imu.time_s,
+        time_s=time_s,
         q_12=q,
         angle_std_deg=std_deg,
         status=TrackStatus.NOT_OBSERVABLE if lost else TrackStatus.TRACKED,
         calibration=calibration,
         method=settings,
         restarts=restarts,
-        starting_s=float(imu.time_s[began.argmax()] - imu.time_s[0]) if began.any() else imu.duration_s,
-        starts_s=starts,
+        starting_s=starts_s[0][1] - starts_s[0][0] if starts and starts[0][0] == 0 else 0.0,
+        starts_s=starts_s,
         why=tuple(why),
     )
-
-
-def _starts(time_s: Array, states: NDArray[np.uint8]) -> tuple[tuple[float, float], ...]:
-    """From the first sample of each start to the first after it."""
-    starting = states == STARTING
-    changes = (np.flatnonzero(starting[1:] != starting[:-1]) + 1).tolist()
-    changes = [0] * bool(starting[0]) + changes + [len(starting) - 1] * bool(starting[-1])
-    edges = [float(time_s[k]) for k in changes]
-    return tuple(zip(edges[::2], edges[1::2], strict=True))
 
 
 def _smooth(imu1: Imu, imu2: Imu, calibration: JointCalibration | None, settings: Smoother) -> RelativeOrientation:

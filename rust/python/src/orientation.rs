@@ -5,13 +5,13 @@ use std::sync::{Mutex, MutexGuard};
 use imufast_core::{
     PairSample, Xyz,
     orientation::{
-        Complementary, Estimates, Filter as Core, Innovations, Joint, Mekf, Noise, Outliers, Settings, Signals, Status,
-        innovations, method::Method, run, run_batch,
+        Complementary, Done, Filter as Core, Innovations, Joint, Mekf, Noise, Outliers, Page, Settings, Signals, Status,
+        innovations, lane::Real, method::Method, run, run_batch,
     },
 };
 use numpy::{
-    IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods,
-    ndarray::Array2,
+    IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn, PyReadwriteArray1,
+    PyReadwriteArray2, PyUntypedArrayMethods, ndarray::Array2,
 };
 use pyo3::{
     exceptions::{PyKeyboardInterrupt, PyValueError},
@@ -304,20 +304,43 @@ fn rows<const N: usize>(py: Python<'_>, rows: Vec<[f64; N]>) -> PyResult<Bound<'
     Ok(array.map_err(|e| PyValueError::new_err(e.to_string()))?.into_pyarray(py))
 }
 
-/// q_12 (N, 4), its standard deviation (N,), rad, and 0, 1 or 2 for "starting", "tracking" or "coasting".
-type Tracked<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<u8>>);
+/// Memory of the caller for so many estimates: q_12 (N, 4) and its standard deviation (N,).
+fn page<'a>(
+    q_12: &'a mut PyReadwriteArray2<'_, f64>,
+    std_deg: &'a mut PyReadwriteArray1<'_, f64>,
+    count: usize,
+) -> PyResult<(&'a mut [[f64; 4]], &'a mut [f64])> {
+    if q_12.shape() != [count, 4] || std_deg.len() != count {
+        return Err(PyValueError::new_err(format!("q_12 and std_deg must have room for {count} estimates")));
+    }
+    match (q_12.is_c_contiguous(), q_12.as_slice_mut(), std_deg.as_slice_mut()) {
+        (true, Ok(q), Ok(std)) => Ok((q.as_chunks_mut().0, std)),
+        _ => Err(PyValueError::new_err("q_12 and std_deg must be C-contiguous")),
+    }
+}
 
-fn tracked(py: Python<'_>, Estimates { q, std, status }: Estimates) -> PyResult<Tracked<'_>> {
-    let status: Vec<u8> = status.iter().map(|s| *s as u8).collect();
-    Ok((rows(py, q)?, std.into_pyarray(py), status.into_pyarray(py)))
+/// Of one recording: how often the filter started anew, and the rows (from, to) in which it looked for a start.
+type Ended = (u32, Vec<(usize, usize)>);
+
+/// Standard deviations become degrees. What a filter would pass over in silence is an error here.
+fn ended(done: Done, signals: &Signals<'_>, std: &mut [f64]) -> PyResult<Ended> {
+    if done.rows.len() < signals.len() {
+        return Err(PyValueError::new_err(signals.fault().unwrap_or("some samples could not be taken")));
+    }
+    for std in &mut std[done.rows] {
+        // Beyond half a turn an angle says no more.
+        *std = std.to_degrees().min(180.0);
+    }
+    Ok((done.restarts, done.starts.into_iter().map(|s| (s.start, s.end)).collect()))
 }
 
 fn stopped() -> PyErr {
     PyKeyboardInterrupt::new_err("stopped while tracking the orientation")
 }
 
-/// A whole recording, every estimate at its own sample; also how often the filter started anew.
+/// A whole recording, every estimate at its own sample, written to `q_12` (N, 4) and `std_deg` (N,), whatever is in them.
 #[pyfunction]
+#[allow(clippy::too_many_arguments)] // as Python gives them
 pub fn track_filter<'py>(
     py: Python<'py>,
     gyr1: PyReadonlyArray2<'py, f64>,
@@ -326,30 +349,33 @@ pub fn track_filter<'py>(
     acc2: PyReadonlyArray2<'py, f64>,
     time_s: Option<PyReadonlyArray1<'py, f64>>,
     plan: FilterPlan,
-) -> PyResult<(Tracked<'py>, u32)> {
+    mut q_12: PyReadwriteArray2<'py, f64>,
+    mut std_deg: PyReadwriteArray1<'py, f64>,
+) -> PyResult<Ended> {
     let xyz = pair([&gyr1, &acc1, &gyr2, &acc2])?;
     let [first, ..] = xyz;
     let time_s = time_s.as_ref().map(|t| vector(t, first.len(), "time_s")).transpose()?;
     let signals = Signals { xyz, time_s };
-    check(&signals)?;
     let settings = plan.settings()?;
-    fn go<T: imufast_core::orientation::lane::Real, M: Method>(
+    fn go<T: Real, M: Method>(
         py: Python<'_>,
         settings: &Settings,
         method: M,
         signals: &Signals<'_>,
-    ) -> Option<(Estimates, u32)> {
+        page: Page<'_>,
+    ) -> Option<Done> {
         let mut go_on = || Python::attach(|py| py.check_signals()).is_ok();
-        py.detach(|| run::<T, M>(settings, method, signals, &mut go_on)).map(|(e, f)| (e, f.restarts()))
+        py.detach(|| run::<T, M>(settings, method, signals, page, &mut go_on)).map(|(done, _)| done)
     }
+    let (q, std) = page(&mut q_12, &mut std_deg, signals.len())?;
+    let page = Page::new(q, std);
     let done = match plan.kind()? {
-        Kind::Complementary => go::<f64, _>(py, &settings, plan.complementary(), &signals),
-        Kind::ComplementarySingle => go::<f32, _>(py, &settings, plan.complementary(), &signals),
-        Kind::Mekf => go::<f64, _>(py, &settings, plan.mekf()?, &signals),
-        Kind::MekfSingle => go::<f32, _>(py, &settings, plan.mekf()?, &signals),
+        Kind::Complementary => go::<f64, _>(py, &settings, plan.complementary(), &signals, page),
+        Kind::ComplementarySingle => go::<f32, _>(py, &settings, plan.complementary(), &signals, page),
+        Kind::Mekf => go::<f64, _>(py, &settings, plan.mekf()?, &signals, page),
+        Kind::MekfSingle => go::<f32, _>(py, &settings, plan.mekf()?, &signals, page),
     };
-    let (estimates, restarts) = done.ok_or_else(stopped)?;
-    Ok((tracked(py, estimates)?, restarts))
+    ended(done.ok_or_else(stopped)?, &signals, std)
 }
 
 /// Innovations (N, 3) and their normalised squares (N,).
@@ -370,7 +396,9 @@ pub fn filter_innovations<'py>(
     let xyz = pair([&gyr1, &acc1, &gyr2, &acc2])?;
     let [first, ..] = xyz;
     let signals = Signals { xyz, time_s: Some(vector(&time_s, first.len(), "time_s")?) };
-    check(&signals)?;
+    if let Some(fault) = signals.fault() {
+        return Err(PyValueError::new_err(fault));
+    }
     let settings = plan.settings()?;
     let (complementary, mekf) = (plan.complementary(), plan.mekf()?);
     let mut go_on = || Python::attach(|py| py.check_signals()).is_ok();
@@ -385,18 +413,6 @@ pub fn filter_innovations<'py>(
     Ok((rows(py, innovation)?, nis.into_pyarray(py)))
 }
 
-/// What a filter would pass over in silence is an error here.
-fn check(signals: &Signals<'_>) -> PyResult<()> {
-    let (below, rises) = signals.are_below(1e9);
-    if let Some((name, _)) = ["gyr1", "acc1", "gyr2", "acc2"].iter().zip(below).find(|(_, below)| !below) {
-        return Err(PyValueError::new_err(format!("{name} holds values that are not finite or absurdly large")));
-    }
-    if !rises {
-        return Err(PyValueError::new_err("time_s must be finite and increase"));
-    }
-    Ok(())
-}
-
 type Arrays<'py> = (
     PyReadonlyArray2<'py, f64>,
     PyReadonlyArray2<'py, f64>,
@@ -405,18 +421,17 @@ type Arrays<'py> = (
     Option<PyReadonlyArray1<'py, f64>>,
 );
 
-/// Of one of many: its first row, the one after its last, and how often the filter started anew.
-type Part = (usize, usize, u32);
-
 /// Many recordings (gyr1, acc1, gyr2, acc2, time_s) with a plan each, side by side; all plans name the method and precision of
-/// the first. As `track_filter`, all in one piece: which rows are those of each, and its restarts.
+/// the first. As `track_filter`, all one after the other in `q_12` and `std_deg`.
 #[pyfunction]
 pub fn track_filter_batch<'py>(
     py: Python<'py>,
     recordings: Vec<Arrays<'py>>,
     plans: Vec<FilterPlan>,
-) -> PyResult<(Tracked<'py>, Vec<Part>)> {
-    let Some(first) = plans.first() else { return Ok((tracked(py, Estimates::default())?, Vec::new())) };
+    mut q_12: PyReadwriteArray2<'py, f64>,
+    mut std_deg: PyReadwriteArray1<'py, f64>,
+) -> PyResult<Vec<Ended>> {
+    let Some(first) = plans.first() else { return Ok(Vec::new()) };
     if plans.len() != recordings.len() {
         return Err(PyValueError::new_err(format!("{} recordings but {} plans", recordings.len(), plans.len())));
     }
@@ -424,18 +439,19 @@ pub fn track_filter_batch<'py>(
     for ((gyr1, acc1, gyr2, acc2, time_s), plan) in recordings.iter().zip(&plans) {
         let xyz = pair([gyr1, acc1, gyr2, acc2])?;
         let [first, ..] = xyz;
-        let signals = Signals { xyz, time_s: time_s.as_ref().map(|t| vector(t, first.len(), "time_s")).transpose()? };
-        check(&signals)?;
-        all.push((plan.settings()?, signals));
+        let time_s = time_s.as_ref().map(|t| vector(t, first.len(), "time_s")).transpose()?;
+        all.push((plan.settings()?, Signals { xyz, time_s }));
     }
+    let (q, std) = page(&mut q_12, &mut std_deg, all.iter().map(|(_, signals)| signals.len()).sum())?;
+    let page = Page::new(q, std);
     let mut go_on = || Python::attach(|py| py.check_signals()).is_ok();
     let (complementary, mekf) = (first.complementary(), first.mekf()?);
     let done = match first.kind()? {
-        Kind::Complementary => py.detach(|| run_batch::<f64, _>(complementary, &all, &mut go_on)),
-        Kind::ComplementarySingle => py.detach(|| run_batch::<f32, _>(complementary, &all, &mut go_on)),
-        Kind::Mekf => py.detach(|| run_batch::<f64, _>(mekf, &all, &mut go_on)),
-        Kind::MekfSingle => py.detach(|| run_batch::<f32, _>(mekf, &all, &mut go_on)),
+        Kind::Complementary => py.detach(|| run_batch::<f64, _>(complementary, &all, page, &mut go_on)),
+        Kind::ComplementarySingle => py.detach(|| run_batch::<f32, _>(complementary, &all, page, &mut go_on)),
+        Kind::Mekf => py.detach(|| run_batch::<f64, _>(mekf, &all, page, &mut go_on)),
+        Kind::MekfSingle => py.detach(|| run_batch::<f32, _>(mekf, &all, page, &mut go_on)),
     };
-    let (estimates, done) = done.ok_or_else(stopped)?;
-    Ok((tracked(py, estimates)?, done.into_iter().map(|d| (d.at.start, d.at.end, d.restarts)).collect()))
+    let done = done.ok_or_else(stopped)?.into_iter().zip(&all);
+    done.map(|(done, (_, signals))| ended(done, signals, std)).collect()
 }

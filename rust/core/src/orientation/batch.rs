@@ -1,7 +1,6 @@
 //! Whole recordings, one or many: sample by sample where something happens, eight side by side where all is even.
 
 use alloc::vec::Vec;
-use core::ops::Range;
 
 use super::{
     eight::EIGHT,
@@ -9,7 +8,7 @@ use super::{
     lane::Real,
     method::Method,
     pack::{Room, together},
-    run::{Estimates, Page, Signals, finish},
+    run::{Done, Page, Signals, finish},
     settings::Settings,
 };
 
@@ -61,6 +60,12 @@ impl<'a, T: Real, M: Method> Passenger<'a, T, M> {
         self.filter.step == other.filter.step && self.filter.settings.midpoint == other.filter.settings.midpoint
     }
 
+    /// What became of it; its estimates begin at this row.
+    fn done(&mut self, first: usize) -> Done {
+        let starts = core::mem::take(&mut self.page.starts);
+        Done { rows: first..first + self.page.filled, starts, restarts: self.filter.restarts() }
+    }
+
     /// Samples not read yet.
     fn left(&self) -> usize {
         self.signals.len() - self.position
@@ -70,22 +75,27 @@ impl<'a, T: Real, M: Method> Passenger<'a, T, M> {
 /// So many samples a recording before the caller is asked again.
 const ROUND: usize = 1 << 14;
 
-/// Runs a filter over a recording. One estimate a sample: where a start was needed, its solution is carried back by the
-/// gyroscopes to the first sample that it explains. None if `keep_going`, asked every few ten thousand samples, says no.
+/// Runs a filter over a recording. One estimate a sample, in the memory of `page`: where a start was needed, its solution is
+/// carried back by the gyroscopes to the first sample that it explains. None if `keep_going`, asked every few ten thousand
+/// samples, says no.
+///
+/// # Panics
+///
+/// If there is not room for all.
 pub fn run<T: Real, M: Method>(
     settings: &Settings,
     method: M,
     signals: &Signals<'_>,
+    page: Page<'_>,
     keep_going: &mut impl FnMut() -> bool,
-) -> Option<(Estimates, Filter<T, M>)> {
-    let mut estimates = Estimates::of_size(signals.len());
-    let mut one = [Passenger::new(0, settings, method, *signals, estimates.page())];
+) -> Option<(Done, Filter<T, M>)> {
+    assert!(page.room() >= signals.len());
+    let mut one = [Passenger::new(0, settings, method, *signals, page)];
     let mut room = Room::new();
     while keep_going() {
         if !one[0].go_alone(false) {
-            let [Passenger { filter, page: Page { filled, .. }, .. }] = one;
-            estimates.truncate(filled);
-            return Some((estimates, filter));
+            let [mut passenger] = one;
+            return Some((passenger.done(0), passenger.filter));
         }
         let steps = one[0].left().min(ROUND);
         together::<T, M, 1>(&mut one, steps, &mut room);
@@ -93,31 +103,26 @@ pub fn run<T: Real, M: Method>(
     None
 }
 
-/// One recording of a batch.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Done {
-    /// Where its estimates are.
-    pub at: Range<usize>,
-    /// How often its filter started anew.
-    pub restarts: u32,
-}
-
 /// Runs the same filter over many recordings; those of one settings' stencil go side by side, where nothing is going on in any
-/// of them. Each gets the bits that [`run`] gives it. The estimates of all are in one piece. None if `keep_going`, asked every few
-/// ten thousand samples, says no.
+/// of them. Each gets the bits that [`run`] gives it. The estimates of all are in one page, as many rows as it has samples for
+/// each. None if `keep_going`, asked every few ten thousand samples, says no.
+///
+/// # Panics
+///
+/// If there is not room for all.
 pub fn run_batch<T: Real, M: Method>(
     method: M,
     recordings: &[(Settings, Signals<'_>)],
+    mut pages: Page<'_>,
     keep_going: &mut impl FnMut() -> bool,
-) -> Option<(Estimates, Vec<Done>)> {
+) -> Option<Vec<Done>> {
     let mut done = Vec::with_capacity(recordings.len());
     let mut total = 0;
     for (_, signals) in recordings {
-        done.push(Done { at: total..total, restarts: 0 });
+        done.push(Done { rows: total..total, ..Done::default() });
         total += signals.len();
     }
-    let mut estimates = Estimates::of_size(total);
-    let mut pages = estimates.page();
+    assert!(pages.room() >= total);
     let mut waiting = recordings.iter().enumerate();
     let mut room = Room::new();
     let mut lanes: Vec<Passenger<'_, T, M>> = Vec::with_capacity(EIGHT);
@@ -127,7 +132,7 @@ pub fn run_batch<T: Real, M: Method>(
             lanes.push(Passenger::new(number, settings, method, *signals, pages.take(signals.len())));
         }
         if lanes.is_empty() {
-            return Some((estimates, done));
+            return Some(done);
         }
         if !keep_going() {
             return None;
@@ -135,8 +140,8 @@ pub fn run_batch<T: Real, M: Method>(
         lanes.retain_mut(|lane| {
             let more = lane.go_alone(false);
             if !more {
-                let Done { at, restarts } = &mut done[lane.number];
-                (at.end, *restarts) = (at.start + lane.page.filled, lane.filter.restarts());
+                let done = &mut done[lane.number];
+                *done = lane.done(done.rows.start);
             }
             more
         });

@@ -44,12 +44,12 @@ mod stages;
 pub mod start;
 pub mod state;
 
-pub use batch::{Done, run, run_batch};
+pub use batch::{run, run_batch};
 pub use complementary::Complementary;
 pub use filter::{Estimate, Filter, Status};
 pub use innovation::{Innovations, innovations};
 pub use mekf::{Mekf, Outliers};
-pub use run::{Estimates, Signals};
+pub use run::{Done, Estimates, Page, Signals};
 pub use settings::Settings;
 pub use start::start_of;
 pub use state::{Joint, Noise};

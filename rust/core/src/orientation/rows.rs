@@ -131,6 +131,9 @@ impl<'r, T: Real, const S: usize> Rows<'r, T, S> {
         // All must be finite, and no sensor may repeat its row: lost packets are mended alone.
         for at in (0..even * S).step_by(EIGHT) {
             let (now, before) = (self.before * S + at, (self.before - 1) * S + at);
+            if self.move_plainly::<V>(now, before) {
+                continue;
+            }
             let moved = self.distance::<V>(0, now, before) * self.distance::<V>(6, now, before);
             let (zero, one) = (V::splat(0.0), V::splat(1.0));
             let sound = moved.where_above(zero, V::splat(f64::INFINITY).where_above(moved, one, zero), zero);
@@ -142,6 +145,25 @@ impl<'r, T: Real, const S: usize> Rows<'r, T, S> {
             }
         }
         even
+    }
+
+    /// Whether all is finite and both sensors' first channels change, which mostly says it all, and takes a third of the work.
+    #[inline(always)]
+    fn move_plainly<V: Eight<T>>(&self, now: usize, before: usize) -> bool {
+        let [change1, change2] = [0, 6].map(|k| {
+            let channel = &self.channels[k].0;
+            eight_at::<T, V>(channel, now) - eight_at(channel, before)
+        });
+        let moved = change1 * change2;
+        let [a, b, c] = [0, 4, 8].map(|k| {
+            let of = |k: usize| eight_at::<T, V>(&self.channels[k].0, now);
+            (of(k) + of(k + 1)) + (of(k + 2) + of(k + 3))
+        });
+        let sum = a + (b + c);
+        let (zero, one) = (V::splat(0.0), V::splat(1.0));
+        // No number is above or below itself, and infinity times zero is none.
+        let sound = moved.at_least(-moved).where_above(sum * zero, one, zero);
+        !one.any_above(sound)
     }
 
     /// Sum of the changes of the six channels of a sensor.

@@ -10,7 +10,7 @@ use super::{
     method::{Method, mean},
     settings::Settings,
 };
-use crate::{PairSample, Xyz, condition::BREAK_STEPS, wide::wide};
+use crate::{PairSample, Xyz, condition::BREAK_STEPS};
 
 /// gyr1, acc1, gyr2, acc2 of equal length.
 #[derive(Clone, Copy, Debug)]
@@ -33,10 +33,18 @@ impl Signals<'_> {
         self.len() == 0
     }
 
-    /// Of each signal, whether all numbers are below `limit`; whether times are finite and rise.
-    pub fn are_below(&self, limit: f64) -> ([bool; 4], bool) {
-        let [gyr1, acc1, gyr2, acc2] = self.xyz.map(|xyz| are_below(xyz, limit));
-        ([gyr1, acc1, gyr2, acc2], self.time_s.is_none_or(do_rise))
+    /// What is wrong with them: numbers that are none, or times that do not rise.
+    pub fn fault(&self) -> Option<&'static str> {
+        const FAULTS: [&str; 4] = [
+            "gyr1 holds values that are not finite",
+            "acc1 holds values that are not finite",
+            "gyr2 holds values that are not finite",
+            "acc2 holds values that are not finite",
+        ];
+        let is_finite = |xyz: &[Xyz]| xyz.as_flattened().iter().all(|x| x.is_finite());
+        let rise = |t: &[f64]| t.iter().all(|t| t.is_finite()) && t.windows(2).all(|t| t[0] < t[1]);
+        let times = || self.time_s.is_some_and(|t| !rise(t)).then_some("time_s must be finite and increase");
+        FAULTS.into_iter().zip(self.xyz).find(|(_, xyz)| !is_finite(xyz)).map(|(fault, _)| fault).or_else(times)
     }
 
     /// One sample; zeros beyond the end.
@@ -55,90 +63,90 @@ impl Signals<'_> {
     }
 }
 
-wide! {
-    fn are_below(xyz: &[Xyz], limit: f64) -> bool = all_below;
-}
-
-#[inline(always)]
-fn all_below(xyz: &[Xyz], limit: f64) -> bool {
-    xyz.as_flattened().iter().fold(true, |all, x| all & (x.abs() < limit))
-}
-
-wide! {
-    fn do_rise(time_s: &[f64]) -> bool = all_rise;
-}
-
-#[inline(always)]
-fn all_rise(time_s: &[f64]) -> bool {
-    let pairs = time_s.iter().zip(time_s.get(1..).unwrap_or_default());
-    // Where they rise, the ends are finite or none.
-    let ends = time_s.first().is_none_or(|t| t.is_finite()) & time_s.last().is_none_or(|t| t.is_finite());
-    pairs.fold(ends, |all, (a, b)| all & (a < b))
-}
-
-/// The estimates of a recording, part by part.
+/// Memory for the estimates of recordings.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Estimates {
     /// Sensor 2 to sensor 1.
     pub q: Vec<Quat<f64>>,
     /// Root of the trace of the covariance of the rotation error, rad.
     pub std: Vec<f64>,
-    /// How far to trust it.
-    pub status: Vec<Status>,
 }
 
 impl Estimates {
-    /// Room for so many, in one piece: what a caller frees and asks for again stays in the process.
-    pub(super) fn of_size(count: usize) -> Self {
-        Self { q: vec![[0.0; 4]; count], std: vec![0.0; count], status: vec![Status::Starting; count] }
+    /// Room for so many.
+    pub fn of_size(count: usize) -> Self {
+        Self { q: vec![[0.0; 4]; count], std: vec![0.0; count] }
     }
 
     /// All of it, to be written.
-    pub(super) fn page(&mut self) -> Page<'_> {
-        Page { q: &mut self.q, std: &mut self.std, status: &mut self.status, filled: 0, settled: 0 }
+    pub fn page(&mut self) -> Page<'_> {
+        Page::new(&mut self.q, &mut self.std)
     }
 
-    /// The first ones only.
-    pub(super) fn truncate(&mut self, count: usize) {
-        self.q.truncate(count);
-        self.std.truncate(count);
-        self.status.truncate(count);
+    /// Those of a recording, one after the other.
+    pub fn of<'a>(&'a self, done: &'a Done) -> impl Iterator<Item = Estimate> + 'a {
+        let rows = self.q[done.rows.clone()].iter().zip(&self.std[done.rows.clone()]);
+        rows.enumerate().map(|(k, (q, std))| {
+            let starting = done.starts.iter().any(|start| start.contains(&k));
+            Estimate { q: *q, std: *std, status: if starting { Status::Starting } else { Status::of(*std) } }
+        })
     }
+}
 
-    /// One after the other.
-    pub fn iter(&self) -> impl Iterator<Item = Estimate> {
-        let parts = self.q.iter().zip(&self.std).zip(&self.status);
-        parts.map(|((q, std), status)| Estimate { q: *q, std: *std, status: *status })
-    }
+/// What became of a recording.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Done {
+    /// Where its estimates are: one a sample, but for samples that were passed over.
+    pub rows: Range<usize>,
+    /// Rows, from its first on, in which a start was looked for: turned back from where it was found.
+    pub starts: Vec<Range<usize>>,
+    /// How often its filter started anew.
+    pub restarts: u32,
 }
 
 /// Where the estimates of one recording go.
 #[derive(Debug, Default)]
-pub(super) struct Page<'a> {
+pub struct Page<'a> {
     q: &'a mut [Quat<f64>],
     std: &'a mut [f64],
-    status: &'a mut [Status],
+    /// Of which it was said that they are of a start.
+    pub(super) starts: Vec<Range<usize>>,
     /// So many are there already.
-    pub filled: usize,
+    pub(super) filled: usize,
     /// From here on all are sound, none flips, and none is of a start: nothing has to be done about them in the end.
     settled: usize,
 }
 
 impl<'a> Page<'a> {
+    /// Memory of the caller, a quaternion and a standard deviation a sample; what is in it does not matter.
+    pub fn new(q: &'a mut [Quat<f64>], std: &'a mut [f64]) -> Self {
+        Self { q, std, ..Self::default() }
+    }
+
+    /// Samples that there is room for.
+    pub(super) fn room(&self) -> usize {
+        self.q.len().min(self.std.len())
+    }
+
     /// Tears off the first part.
-    pub fn take(&mut self, count: usize) -> Page<'a> {
-        let (q, std, status);
+    pub(super) fn take(&mut self, count: usize) -> Page<'a> {
+        let (q, std);
         (q, self.q) = core::mem::take(&mut self.q).split_at_mut(count);
         (std, self.std) = core::mem::take(&mut self.std).split_at_mut(count);
-        (status, self.status) = core::mem::take(&mut self.status).split_at_mut(count);
-        Page { q, std, status, filled: 0, settled: 0 }
+        Page::new(q, std)
     }
 
     /// One more.
-    pub fn push(&mut self, estimate: Estimate) {
+    pub(super) fn push(&mut self, estimate: Estimate) {
         let at = self.filled;
-        (self.q[at], self.std[at], self.status[at]) = (estimate.q, estimate.std, estimate.status);
-        self.look_at(at..at + 1, estimate.status == Status::Starting);
+        let starting = estimate.status == Status::Starting;
+        (self.q[at], self.std[at]) = (estimate.q, estimate.std);
+        match self.starts.last_mut() {
+            Some(start) if starting && start.end == at => start.end += 1,
+            _ if starting => self.starts.push(at..at + 1),
+            _ => {}
+        }
+        self.look_at(at..at + 1, starting);
     }
 
     /// Looks at new rows while they are near.
@@ -153,16 +161,13 @@ impl<'a> Page<'a> {
 
     /// Many more; `smooth`: of which it is known that nothing has to be done about them.
     #[inline(always)]
-    pub fn extend<T: Real>(&mut self, q: &[[T; 4]], std: &[T], smooth: bool) {
+    pub(super) fn extend<T: Real>(&mut self, q: &[[T; 4]], std: &[T], smooth: bool) {
         let now = self.filled..self.filled + q.len();
         for (to, [w, x, y, z]) in self.q[now.clone()].iter_mut().zip(q) {
             *to = [w.to_f64(), x.to_f64(), y.to_f64(), z.to_f64()];
         }
         for (to, from) in self.std[now.clone()].iter_mut().zip(std) {
             *to = from.to_f64();
-        }
-        for (to, from) in self.status[now.clone()].iter_mut().zip(std) {
-            *to = Status::of(from.to_f64());
         }
         if smooth {
             self.filled = now.end;
@@ -178,11 +183,11 @@ pub(super) fn finish<T: Real, M: Method>(filter: &mut Filter<T, M>, signals: &Si
     let mut rest = filter.clone();
     rest.flush(&mut |_, e| page.push(e));
     let all = ..page.filled;
-    let (q, std, status) = (&mut page.q[all], &mut page.std[all], &page.status[all]);
+    let (q, std) = (&mut page.q[all], &mut page.std[all]);
     if let (Some(q), Some(std), Status::Starting) = (q.last_mut(), std.last_mut(), last.status) {
         (*q, *std) = (last.q, last.std);
     }
-    carry_back(filter.settings(), signals, q, std, &status[..page.settled]);
+    carry_back(filter.settings(), signals, q, std, &page.starts);
     make_continuous(q, std, page.settled);
 }
 
@@ -222,10 +227,10 @@ fn is_sound(q: &Quat<f64>, std: f64) -> bool {
 }
 
 /// Gives the samples of a start the orientation that it found, turned back by the gyroscopes.
-fn carry_back(settings: &Settings, signals: &Signals<'_>, q: &mut [Quat<f64>], std: &mut [f64], status: &[Status]) {
+fn carry_back(settings: &Settings, signals: &Signals<'_>, q: &mut [Quat<f64>], std: &mut [f64], starts: &[Range<usize>]) {
     let [gyr1, _, gyr2, _] = signals.xyz;
-    for k in (0..status.len().min(q.len().saturating_sub(1))).rev() {
-        if status[k] != Status::Starting {
+    for k in starts.iter().rev().flat_map(|start| start.clone().rev()) {
+        if k + 1 >= q.len() {
             continue;
         }
         let dt = if signals.time_s.is_some() {

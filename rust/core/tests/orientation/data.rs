@@ -2,7 +2,7 @@
 
 use imufast_core::{
     PairSample, Xyz,
-    orientation::{Estimate, Filter, Joint, Noise, Settings, Signals, method::Method, run},
+    orientation::{Estimate, Estimates, Filter, Joint, Noise, Settings, Signals, lane::Real, method::Method, run},
 };
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
 
@@ -154,7 +154,7 @@ impl Recording {
     }
 
     pub fn estimates<M: Method>(&self, settings: &Settings, method: M) -> Vec<Estimate> {
-        run::<f64, M>(settings, method, &self.timed(), &mut || true).map_or(Vec::new(), |r| r.0.iter().collect())
+        run_over::<f64, M>(settings, method, &self.timed()).0
     }
 
     pub fn push_all<M: Method>(&self, filter: &mut Filter<f64, M>, samples: core::ops::Range<usize>) {
@@ -179,4 +179,11 @@ pub fn unit([w, x, y, z]: [f64; 4]) -> UnitQuaternion<f64> {
     let q = Quaternion::new(w, x, y, z);
     assert!((q.norm() - 1.0).abs() < 1e-6, "{}", q.norm());
     UnitQuaternion::from_quaternion(q)
+}
+
+/// A whole recording; what it leaves the filter as.
+pub fn run_over<T: Real, M: Method>(settings: &Settings, method: M, signals: &Signals<'_>) -> (Vec<Estimate>, Filter<T, M>) {
+    let mut estimates = Estimates::of_size(signals.len());
+    let Some((done, filter)) = run(settings, method, signals, estimates.page(), &mut || true) else { panic!("was stopped") };
+    (estimates.of(&done).collect(), filter)
 }

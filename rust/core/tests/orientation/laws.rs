@@ -1,12 +1,12 @@
 //! What must hold whatever the data.
 
 use imufast_core::orientation::{
-    Complementary, Estimate, Filter, Joint, Mekf, Outliers, Settings, Signals, Status, lane::Real, method::Method, run,
-    run_batch,
+    Complementary, Estimate, Estimates, Filter, Joint, Mekf, Outliers, Page, Settings, Signals, Status, lane::Real,
+    method::Method, run_batch,
 };
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
-use crate::data::{BallJoint, Random, Recording, unit};
+use crate::data::{BallJoint, Random, Recording, run_over, unit};
 
 #[test]
 fn every_sample_has_one_unit_quaternion() {
@@ -65,19 +65,24 @@ fn a_recording_in_a_batch_gives_the_bits_it_gives_alone() {
         let mut all: Vec<(Settings, Signals<'_>)> =
             joints.iter().map(BallJoint::settings).zip(recordings.iter().map(Recording::signals)).collect();
         all[2].1 = recordings[2].timed();
-        let Some((together, done)) = run_batch::<f64, M>(method, &all, &mut || true) else { panic!() };
+        let mut together = Estimates::of_size(all.iter().map(|(_, signals)| signals.len()).sum());
+        let Some(done) = run_batch::<f64, M>(method, &all, together.page(), &mut || true) else { panic!() };
         assert_eq!(done.len(), all.len());
         for ((settings, signals), done) in all.iter().zip(done) {
-            let Some((alone, filter)) = run::<f64, M>(settings, method, signals, &mut || true) else { panic!() };
-            let batch = together.iter().skip(done.at.start).take(done.at.len());
-            assert!(batch.eq(alone.iter()) && done.restarts == filter.restarts());
+            let (alone, filter) = run_over::<f64, M>(settings, method, signals);
+            assert!(together.of(&done).eq(alone) && done.restarts == filter.restarts());
         }
     }
     check(Mekf::default());
     check(Complementary::default());
     assert!(
-        run_batch::<f64, _>(Mekf::default(), &[(Settings::default(), Signals { xyz: [&[]; 4], time_s: None })], &mut || false)
-            .is_none()
+        run_batch::<f64, _>(
+            Mekf::default(),
+            &[(Settings::default(), Signals { xyz: [&[]; 4], time_s: None })],
+            Page::default(),
+            &mut || false
+        )
+        .is_none()
     );
 }
 
@@ -98,7 +103,7 @@ fn a_whole_recording_ends_in_the_bits_of_one_that_came_sample_by_sample() {
                 for k in 0..signals.len() {
                     filter.push(signals.time(k, rate_hz), &signals.sample(k));
                 }
-                assert_eq!(run::<T, M>(&settings, method, &signals, &mut || true).map(|r| r.1), Some(filter));
+                assert_eq!(run_over::<T, M>(&settings, method, &signals).1, filter);
             }
         }
     }
@@ -130,9 +135,7 @@ fn lost_packets_that_stand_as_copies_do_little_harm() {
         repeat_rows(&mut lossy, 400 + 50 * k, 1 + k % 6, k % 2);
     }
     let error = |r: &Recording| {
-        let estimates = run::<f64, _>(&joint.settings(), Mekf::default(), &r.signals(), &mut || true)
-            .map_or(Vec::new(), |r| r.0.iter().collect());
-        r.rms_deg(&estimates)
+        r.rms_deg(&run_over::<f64, _>(&joint.settings(), Mekf::default(), &r.signals()).0)
     };
     assert!(error(&lossy) < 2.5 * error(&whole), "{} against {}", error(&lossy), error(&whole));
 }
@@ -206,13 +209,11 @@ fn single_precision_is_as_good() {
         let recording = joint.record(20.0);
         let signals = recording.signals();
         let double = recording.estimates(&joint.settings(), Mekf::default());
-        let single = run::<f32, _>(&joint.settings(), Mekf::default(), &signals, &mut || true)
-            .map_or(Vec::new(), |r| r.0.iter().collect());
+        let (single, _) = run_over::<f32, _>(&joint.settings(), Mekf::default(), &signals);
         let worst = double.iter().zip(&single).map(|(a, b)| unit(a.q).angle_to(&unit(b.q))).fold(0.0, f64::max);
         assert!(worst.to_degrees() < 0.02, "{}", worst.to_degrees());
         let double = recording.estimates(&joint.settings(), Complementary::default());
-        let single = run::<f32, _>(&joint.settings(), Complementary::default(), &signals, &mut || true)
-            .map_or(Vec::new(), |r| r.0.iter().collect());
+        let (single, _) = run_over::<f32, _>(&joint.settings(), Complementary::default(), &signals);
         let worst = double.iter().zip(&single).map(|(a, b)| unit(a.q).angle_to(&unit(b.q))).fold(0.0, f64::max);
         assert!(worst.to_degrees() < 0.02, "{}", worst.to_degrees());
     }
