@@ -25,5 +25,5 @@ class ReadOnly:
         for name, value in vars(self).items():
             if isinstance(value, np.ndarray) and value.flags.writeable:
                 view = value.view()
-                view.flags.writeable = False
+                view.setflags(write=False)
                 object.__setattr__(self, name, view)

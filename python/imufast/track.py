@@ -236,7 +236,9 @@ def _filtered(
     calibration: JointCalibration,
     settings: Complementary | Mekf,
 ) -> RelativeOrientation:
-    """What a filter found; `starts` are the rows in which it looked for its start."""
+    """What a filter found, in arrays of our own; `starts` are the rows in which it looked for its start."""
+    q.setflags(write=False)
+    std_deg.setflags(write=False)
     time_s, count = imu.time_s, len(imu)
     # From the first sample of each start to the first after it.
     starts_s = tuple((float(time_s[since]), float(time_s[min(to, count - 1)])) for since, to in starts)
