@@ -57,7 +57,10 @@ impl<'a, T: Real, M: Method> Passenger<'a, T, M> {
 
     /// Whether both can sit side by side.
     fn suits(&self, other: &Self) -> bool {
-        self.filter.step == other.filter.step && self.filter.settings.midpoint == other.filter.settings.midpoint
+        let (one, two) = (&self.filter, &other.filter);
+        one.step == two.step
+            && one.settings.midpoint == two.settings.midpoint
+            && one.settings.turn_by_cubics() == two.settings.turn_by_cubics()
     }
 
     /// What became of it; its estimates begin at this row.

@@ -7,7 +7,7 @@ use super::{
     algebra::{Quat, Vec3, add, cross, inverted, mul, normalize, scale, sub},
     lane::{Lane, Real},
     leaning::Leaning,
-    method::{Method, Tuning, mean},
+    method::{Method, Tuning, cubic_turn, mean},
     ring::{LENGTH, Ring, is_even, stencil_step},
     settings::Settings,
     start::Start,
@@ -250,9 +250,9 @@ impl<T: Real, M: Method> Filter<T, M> {
         [a, b, c, d, e, f, g, h, i, j, k, l]
     }
 
-    /// The turn from the sample before `number` to it.
+    /// The turn from the sample before `number` to it; `whole`: its neighbours are there, and no gap is among them.
     #[inline(always)]
-    fn step_to(&self, number: u64) -> Step<T> {
+    fn step_to(&self, number: u64, whole: bool) -> Step<T> {
         let Some(before) = number.checked_sub(1) else {
             let (dt, per_dt) = (self.step_s, self.settings.rate_hz);
             return Step { dt, per_dt, turns: [[T::default(); 3]; 2], flanked: false };
@@ -263,8 +263,13 @@ impl<T: Real, M: Method> Filter<T, M> {
         if self.settings.midpoint && dt * self.settings.rate_hz > BREAK_STEPS && self.is_flanked(number) {
             return Step { dt, per_dt, turns: [self.bridged(number, dt, 0), self.bridged(number, dt, 1)], flanked: true };
         }
+        let cubic = whole && self.settings.turn_by_cubics() && number >= self.even + self.delay_samples();
         // Two calls, not a map over an array: that would not be inlined.
         let turn = |sensor: usize| {
+            if cubic {
+                let around = [number - 2, before, number, number + 1].map(|k| self.ring.gyr(k, sensor));
+                return cubic_turn(around, T::splat(dt));
+            }
             let now = self.ring.gyr(number, sensor);
             let rate = if self.settings.midpoint { mean(self.ring.gyr(before, sensor), now) } else { now };
             scale(rate, T::splat(dt))
@@ -329,7 +334,7 @@ impl<T: Real, M: Method> Filter<T, M> {
     /// The instant of the sample that was worked in last, if its accelerations were used.
     pub(super) fn corrected_by(&self, number: u64) -> Option<Moment<T>> {
         (number + 1 == self.done && self.done + self.delay_samples() == self.count && self.may_correct(number))
-            .then(|| self.moment(number, &self.step_to(number), true))
+            .then(|| self.moment(number, &self.step_to(number, true), true))
     }
 
     /// Whether an orientation was found.
@@ -341,7 +346,7 @@ impl<T: Real, M: Method> Filter<T, M> {
     #[inline(always)]
     fn advance(&mut self, correct: bool) -> Estimate {
         let number = self.done;
-        let step = self.step_to(number);
+        let step = self.step_to(number, correct);
         let gap = number > 0 && number == self.stretch;
         if gap {
             self.cross_gap(&step);
@@ -446,7 +451,7 @@ impl<T: Real, M: Method> Filter<T, M> {
             }
         };
         for number in self.done..self.count {
-            let step = self.step_to(number);
+            let step = self.step_to(number, false);
             let m = Moment::new([step.dt, step.per_dt], step.turns.map(|v| v.map(T::to_f64)), [[0.0; 3]; 2]);
             q = mul(mul(inverted(m.step[0]), q), m.step[1]);
             variance += 3.0 * self.tuning.process(self.state.drift.to_f64(), &m);

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{
-    algebra::{Quat, Sym3, scale},
+    algebra::{Quat, Sym3, add, cross, scale, sub},
     eight::{EIGHT, Eight},
     filter::alarm,
     lane::{Lane, Real},
@@ -116,6 +116,15 @@ impl<L: Lane> Tuning<L> {
 
 /// Noise of the five-point stencil, in standard deviations of a sample over its step.
 const STENCIL_NOISE: f64 = 0.950;
+
+/// The turn between the second and the third of four even samples `dt` apart, of rates that are a cubic through all four, with the
+/// first term of its coning: in `ω₁ dt` a motion's frequency counts to the fourth power, where by the mean to the second.
+#[inline(always)]
+pub(crate) fn cubic_turn<L: Lane>([before, from, to, after]: [[L; 3]; 4], dt: L) -> [L; 3] {
+    let bend = sub(sub(to, before), sub(after, from));
+    let straight = add(mean(from, to), scale(bend, L::splat(1.0 / 24.0)));
+    scale(add(straight, scale(cross(from, to), dt * L::splat(1.0 / 12.0))), dt)
+}
 
 /// The mean of two vectors.
 #[inline(always)]

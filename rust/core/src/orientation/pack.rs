@@ -22,7 +22,7 @@ use super::{
     eight::{Array, EIGHT, Eight},
     filter::{Filter, alarm},
     lane::Real,
-    method::{Method, Tuning, mean},
+    method::{Method, Tuning, cubic_turn, mean},
     results::{Results, goes_on},
     ring::{LENGTH, five_points},
     rows::{InLine, LONGEST, READ, Rows, sitting},
@@ -160,6 +160,7 @@ struct Constants<V> {
     r: [Vec3<V>; 2],
     tuning: Tuning<V>,
     midpoint: bool,
+    cubics: bool,
     /// Step of the stencil, samples.
     step: usize,
 }
@@ -188,6 +189,7 @@ impl<V> Constants<V> {
                 bias_var: wide(&|f| f.tuning.bias_var),
             },
             midpoint: settings.midpoint,
+            cubics: settings.turn_by_cubics(),
             step: *step as usize,
         }
     }
@@ -228,11 +230,16 @@ impl<V> Constants<V> {
     {
         let (gyr, step) = (6 * sensor, self.step * S);
         let now = rows.xyz(gyr, at);
-        let rate = if self.midpoint { mean(rows.xyz(gyr, at - S), now) } else { now };
+        let turn = if self.cubics {
+            let around = [rows.xyz(gyr, at - 2 * S), rows.xyz(gyr, at - S), now, rows.xyz(gyr, at + S)];
+            cubic_turn(around, self.dt)
+        } else {
+            scale(if self.midpoint { mean(rows.xyz(gyr, at - S), now) } else { now }, self.dt)
+        };
         let before = [rows.xyz(gyr, at - 2 * step), rows.xyz(gyr, at - step)];
         let after = [rows.xyz(gyr, at + step), rows.xyz(gyr, at + 2 * step)];
         let dot = five_points(before[0], before[1], after[0], after[1], self.per);
-        (scale(rate, self.dt), at_joint_center(rows.xyz(gyr + 3, at), now, dot, self.r[sensor]))
+        (turn, at_joint_center(rows.xyz(gyr + 3, at), now, dot, self.r[sensor]))
     }
 }
 

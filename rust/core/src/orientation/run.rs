@@ -4,10 +4,11 @@ use alloc::{vec, vec::Vec};
 use core::ops::Range;
 
 use super::{
-    algebra::{Quat, dot4, exp, inverted, mul, normalize},
+    algebra::{Quat, dot4, exp, inverted, mul, normalize, scale, sub},
     filter::{Estimate, Filter, Status},
     lane::Real,
-    method::{Method, mean},
+    method::{Method, cubic_turn, mean},
+    ring::is_even,
     settings::Settings,
 };
 use crate::{PairSample, Xyz, condition::BREAK_STEPS};
@@ -54,6 +55,11 @@ impl Signals<'_> {
         let [gyr1, acc1, gyr2, acc2] = self.xyz;
         let ([a, b, c], [d, e, f], [g, h, i], [j, l, m]) = (at(gyr1), at(acc1), at(gyr2), at(acc2));
         [a, b, c, d, e, f, g, h, i, j, l, m]
+    }
+
+    /// Whether samples follow each other evenly.
+    pub(super) fn is_even(&self, rows: Range<usize>, rate_hz: f64) -> bool {
+        self.time_s.is_none_or(|t| t[rows].windows(2).all(|t| is_even((t[1] - t[0]) * rate_hz)))
     }
 
     /// Its time, s.
@@ -239,8 +245,10 @@ fn carry_back(settings: &Settings, signals: &Signals<'_>, q: &mut [Quat<f64>], s
             1.0 / settings.rate_hz
         };
         let turn = |gyr: &[Xyz], bias: Xyz| {
-            let rate = if settings.midpoint { mean(gyr[k], gyr[k + 1]) } else { gyr[k + 1] };
-            [(rate[0] - bias[0]) * dt, (rate[1] - bias[1]) * dt, (rate[2] - bias[2]) * dt]
+            if settings.turn_by_cubics() && k > 0 && k + 2 < gyr.len() && signals.is_even(k - 1..k + 3, settings.rate_hz) {
+                return cubic_turn([gyr[k - 1], gyr[k], gyr[k + 1], gyr[k + 2]].map(|rate| sub(rate, bias)), dt);
+            }
+            scale(sub(if settings.midpoint { mean(gyr[k], gyr[k + 1]) } else { gyr[k + 1] }, bias), dt)
         };
         let [step1, step2] = [turn(gyr1, settings.joint.gyr_bias[0]), turn(gyr2, settings.joint.gyr_bias[1])].map(exp);
         q[k] = normalize(mul(mul(step1, q[k + 1]), inverted(step2)));
