@@ -52,6 +52,7 @@ bench: .venv/.bench
 	$(BIN)/python benches/stream.py
 	$(BIN)/python benches/center.py
 	$(BIN)/python benches/orientation.py
+	$(BIN)/python benches/orientation_errors.py
 	$(BIN)/python benches/angles.py
 	$(BIN)/python benches/self_calibrating.py
 	$(BIN)/python benches/body/gtsam_peer.py

@@ -17,6 +17,7 @@ BENCHES = (
     "benches/two_imu.py",
     "benches/center.py",
     "benches/orientation.py",
+    "benches/orientation_errors.py",
     "benches/angles.py",
     "benches/papers/olsson2017/run.py",
     "benches/papers/olsson2020/run.py",

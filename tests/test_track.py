@@ -25,7 +25,7 @@ from imufast import (
     simulate_hinge,
     track,
 )
-from track_cases import FILTERS, METHODS, apart_deg, back, ball, bug, honest, known, sound, times, with_gap
+from track_cases import FILTERS, METHODS, apart_deg, back, ball, honest, known, sound, times, with_gap
 
 
 @pytest.mark.parametrize(
@@ -135,22 +135,16 @@ def test_very_short_recordings_of_a_known_joint_are_honest(method: str, rows: in
     honest(found, ball().q_12[:rows], 5.0)
 
 
-@pytest.mark.parametrize(
-    ("method", "rate_hz"),
-    [
-        *((method, rate_hz) for method in METHODS for rate_hz in (25.0, 1000.0)),
-        ("smoother", 10.0),
-        *bug("rates are not differentiated well in steps of 0.1 s: 5 to 10 sigma off", *((method, 10.0) for method in FILTERS)),
-    ],
-)
+@pytest.mark.parametrize("rate_hz", [10.0, 25.0, 1000.0])
+@pytest.mark.parametrize("method", METHODS)
 def test_low_and_high_rates(method: str, rate_hz: float) -> None:
+    # By the mean of two rates the filters were off by 7 degrees at 10 Hz, 1.1 at 25, root mean square.
     sim = simulate_ball_joint(seed=1, duration_s=30.0, rate_hz=rate_hz)
     found = track(sim.imu1, sim.imu2, method=method)
     sound(found, sim.imu1)
     honest(found, sim.q_12)
-    if method == "smoother" or rate_hz > 10.0:
-        assert found.status is TrackStatus.TRACKED
-        assert apart_deg(found.q_12, sim.q_12).max() < 4.0
+    assert found.status is TrackStatus.TRACKED
+    assert np.sqrt((apart_deg(found.q_12, sim.q_12) ** 2).mean()) < (2.0 if rate_hz < 20.0 else 0.8)
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -6,19 +6,12 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import pytest
 from imufast import BallJointSimulation, Imu, JointCalibration, RelativeOrientation, calibrate_joint, simulate_ball_joint
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 METHODS = ("complementary", "mekf", "smoother")
 FILTERS = ("complementary", "mekf")
-
-
-def bug(reason: str, *cases: Any) -> list[Any]:
-    """Cases that fail for now."""
-    mark = pytest.mark.xfail(strict=True, reason=f"bug: {reason}")
-    return [pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=mark) for case in cases]
 
 
 def times(a: Array, b: Array) -> Array:

@@ -134,9 +134,7 @@ fn lost_packets_that_stand_as_copies_do_little_harm() {
     for k in 0..50 {
         repeat_rows(&mut lossy, 400 + 50 * k, 1 + k % 6, k % 2);
     }
-    let error = |r: &Recording| {
-        r.rms_deg(&run_over::<f64, _>(&joint.settings(), Mekf::default(), &r.signals()).0)
-    };
+    let error = |r: &Recording| r.rms_deg(&run_over::<f64, _>(&joint.settings(), Mekf::default(), &r.signals()).0);
     assert!(error(&lossy) < 2.5 * error(&whole), "{} against {}", error(&lossy), error(&whole));
 }
 
