@@ -4,14 +4,15 @@ use nalgebra::ComplexField;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    algebra::{Quat, Vec3, add, cross, inverted, mul, normalize, scale, sub},
+    algebra::{Quat, Vec3, inverted, mul, normalize},
     lane::{Lane, Real},
     leaning::Leaning,
-    method::{Method, Tuning, cubic_turn, mean},
+    method::{Method, Tuning},
     ring::{LENGTH, Ring, is_even, stencil_step},
     settings::Settings,
     start::Start,
     state::{Joint, Moment, State, at_joint_center},
+    turns::{Step, gap_variance},
 };
 use crate::{PairSample, Xyz, condition::BREAK_STEPS};
 
@@ -107,15 +108,6 @@ pub struct Filter<T, M> {
     /// copies that could not be repaired any more.
     pub(super) lost: [u64; 2],
     pub(super) unrepaired: u64,
-}
-
-/// From one sample to the next.
-struct Step<T> {
-    dt: f64,
-    per_dt: f64,
-    turns: [Vec3<T>; 2],
-    /// Whether it crosses a gap with both ends' derivatives.
-    flanked: bool,
 }
 
 impl<T: Real, M: Method> Filter<T, M> {
@@ -248,63 +240,6 @@ impl<T: Real, M: Method> Filter<T, M> {
     pub(super) fn bias(&self) -> PairSample {
         let Joint { gyr_bias: [[a, b, c], [g, h, i]], acc_bias: [[d, e, f], [j, k, l]], .. } = self.settings.joint;
         [a, b, c, d, e, f, g, h, i, j, k, l]
-    }
-
-    /// The turn from the sample before `number` to it; `whole`: its neighbours are there, and no gap is among them.
-    #[inline(always)]
-    fn step_to(&self, number: u64, whole: bool) -> Step<T> {
-        let Some(before) = number.checked_sub(1) else {
-            let (dt, per_dt) = (self.step_s, self.settings.rate_hz);
-            return Step { dt, per_dt, turns: [[T::default(); 3]; 2], flanked: false };
-        };
-        let dt = self.ring.time(number) - self.ring.time(before);
-        let (dt, per_dt) =
-            if is_even(dt * self.settings.rate_hz) { (self.step_s, self.settings.rate_hz) } else { (dt, 1.0 / dt) };
-        if self.settings.midpoint && dt * self.settings.rate_hz > BREAK_STEPS && self.is_flanked(number) {
-            return Step { dt, per_dt, turns: [self.bridged(number, dt, 0), self.bridged(number, dt, 1)], flanked: true };
-        }
-        let cubic = whole && self.settings.turn_by_cubics() && number >= self.even + self.delay_samples();
-        // Two calls, not a map over an array: that would not be inlined.
-        let turn = |sensor: usize| {
-            if cubic {
-                let around = [number - 2, before, number, number + 1].map(|k| self.ring.gyr(k, sensor));
-                return cubic_turn(around, T::splat(dt));
-            }
-            let now = self.ring.gyr(number, sensor);
-            let rate = if self.settings.midpoint { mean(self.ring.gyr(before, sensor), now) } else { now };
-            scale(rate, T::splat(dt))
-        };
-        Step { dt, per_dt, turns: [turn(0), turn(1)], flanked: false }
-    }
-
-    /// Whether the samples around a gap tell derivatives at its ends.
-    fn is_flanked(&self, number: u64) -> bool {
-        let reach = self.delay_samples();
-        let short = self.ring.time(number) - self.ring.time(number - 1) < LONGEST_BRIDGE_S;
-        let whole =
-            |from: u64, to: u64| (self.ring.time(to) - self.ring.time(from)) * self.settings.rate_hz < reach as f64 + 0.5;
-        short
-            && number > reach
-            && number + reach < self.count
-            && whole(number - 1 - reach, number - 1)
-            && whole(number, number + reach)
-    }
-
-    /// The turn in a gap of `dt` before `number`: the rate as a cubic through the values and derivatives at both ends, and the
-    /// first term of its coning.
-    fn bridged(&self, number: u64, dt: f64, sensor: usize) -> Vec3<T> {
-        let h = self.step;
-        let (first, last) = (number - 1, number);
-        let gyr = |k: u64| self.ring.gyr(k, sensor);
-        let (from, to) = (gyr(first), gyr(last));
-        let slope = |at: u64, near: u64, far: u64| {
-            let span = self.ring.time(far) - self.ring.time(at);
-            let three = |c: usize| gyr(near)[c] * T::splat(4.0) - gyr(at)[c] * T::splat(3.0) - gyr(far)[c];
-            [three(0), three(1), three(2)].map(|x| x * T::splat(1.0 / span))
-        };
-        let bend = sub(slope(first, first - h, first - 2 * h), slope(last, last + h, last + 2 * h));
-        let turn = scale(mean(from, to), T::splat(dt));
-        add(turn, scale(add(bend, cross(from, to)), T::splat(dt * dt / 12.0)))
     }
 
     /// Acceleration of the joint centre at `number`, whose neighbours are there.
@@ -510,31 +445,7 @@ impl<T: Real, M: Method> Filter<T, M> {
     }
 }
 
-/// Variance about one axis of what the joint may have done unseen, rad².
-fn gap_variance<T: Real>(step: &Step<T>) -> f64 {
-    let turned: f64 = step.turns.as_flattened().iter().map(|x| x.to_f64() * x.to_f64()).sum();
-    let rate = LEAST_RATE + ComplexField::sqrt(turned) / step.dt;
-    let dt3 = step.dt * step.dt * step.dt;
-    let mut unevenness = UNEVENNESS * dt3;
-    if step.flanked {
-        let [third, fifth] = FLANKED;
-        unevenness = unevenness.min(third * dt3 + fifth * dt3 * step.dt * step.dt);
-    }
-    let std = unevenness * rate;
-    (std * std).min(core::f64::consts::PI * core::f64::consts::PI / 3.0)
-}
-
 /// Copies over longer than this are no lost packets but a coarse sensor at rest, s.
 const LONGEST_LOSS_S: f64 = 0.4;
-/// Over a longer gap derivatives at its ends tell nothing of its middle, s.
-const LONGEST_BRIDGE_S: f64 = 0.3;
-/// In a gap of `t` seconds between rates of `ω` the orientation is uncertain by about this times `ω t³`, 1/s²: a motion of 2 Hz
-/// integrated by its ends.
-const UNEVENNESS: f64 = 13.0;
-/// With derivatives at both ends, by about this times `ω t³` and `ω t⁵`, 1/s² and 1/s⁴: measured on simulated walks and free
-/// motion.
-const FLANKED: [f64; 2] = [2.0, 150.0];
-/// However still before and after, there may have been this, rad/s.
-const LEAST_RATE: f64 = 0.5;
 /// Knowing nothing: uniform in ±π about three axes.
 const LARGEST_STD: f64 = core::f64::consts::PI;

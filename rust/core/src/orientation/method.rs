@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{
-    algebra::{Quat, Sym3, add, cross, scale, sub},
+    algebra::{Quat, Sym3},
     eight::{EIGHT, Eight},
     filter::alarm,
     lane::{Lane, Real},
@@ -116,48 +116,3 @@ impl<L: Lane> Tuning<L> {
 
 /// Noise of the five-point stencil, in standard deviations of a sample over its step.
 const STENCIL_NOISE: f64 = 0.950;
-
-/// The turn between the second and the third of four even samples `dt` apart, of rates that are a cubic through all four, with the
-/// first term of its coning: in `ω₁ dt` a motion's frequency counts to the fourth power, where by the mean to the second.
-#[inline(always)]
-pub(crate) fn cubic_turn<L: Lane>([before, from, to, after]: [[L; 3]; 4], dt: L) -> [L; 3] {
-    let bend = sub(sub(to, before), sub(after, from));
-    let straight = add(mean(from, to), scale(bend, L::splat(1.0 / 24.0)));
-    scale(add(straight, scale(cross(from, to), dt * L::splat(1.0 / 12.0))), dt)
-}
-
-/// The mean of two vectors.
-#[inline(always)]
-pub(crate) fn mean<L: Lane>(a: [L; 3], b: [L; 3]) -> [L; 3] {
-    scale([a[0] + b[0], a[1] + b[1], a[2] + b[2]], L::splat(0.5))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::orientation::algebra::{exp, inverted, mul};
-
-    /// Of the turn from 0 to `dt`, against ten thousand small ones.
-    fn error(rate: impl Fn(f64) -> [f64; 3], turn: impl Fn(f64) -> [f64; 3], dt: f64) -> f64 {
-        let small = dt / 1e4;
-        let exact =
-            (0..10_000).fold([1.0, 0.0, 0.0, 0.0], |q, k| mul(q, exp(scale(rate((f64::from(k) + 0.5) * small), small))));
-        let [_, x, y, z] = mul(inverted(exact), exp(turn(dt)));
-        2.0 * (x * x + y * y + z * z).sqrt()
-    }
-
-    #[test]
-    fn cubic_turns_are_exact_about_one_axis_and_of_fifth_order_about_all() {
-        let cubic = |t: f64| scale([0.6, -0.3, 0.5], 1.0 + t * (2.0 - t * (7.0 + t * 30.0)));
-        let free = |t: f64| [3.0 * (9.0 * t).cos(), 2.0 * (7.0 * t).sin() - 1.0, 1.0 + 4.0 * t];
-        for dt in [0.04, 0.02] {
-            let by_cubic = |dt: f64| cubic_turn([cubic(-dt), cubic(0.0), cubic(dt), cubic(2.0 * dt)], dt);
-            assert!(error(cubic, by_cubic, dt) < 1e-9);
-            let mean_turn = |dt: f64| scale(mean(free(0.0), free(dt)), dt);
-            let free_turn = |dt: f64| cubic_turn([free(-dt), free(0.0), free(dt), free(2.0 * dt)], dt);
-            let (by_cubic, by_mean) = (error(free, free_turn, dt), error(free, mean_turn, dt));
-            assert!(by_cubic < 0.1 * by_mean, "{by_cubic} against {by_mean}");
-            assert!(error(free, free_turn, 0.5 * dt) < by_cubic / 12.0, "{by_cubic}");
-        }
-    }
-}

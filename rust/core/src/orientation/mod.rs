@@ -43,6 +43,7 @@ pub mod smoother;
 mod stages;
 pub mod start;
 pub mod state;
+mod turns;
 
 pub use batch::{run, run_batch};
 pub use complementary::Complementary;

@@ -22,11 +22,12 @@ use super::{
     eight::{Array, EIGHT, Eight},
     filter::{Filter, alarm},
     lane::Real,
-    method::{Method, Tuning, cubic_turn, mean},
+    method::{Method, Tuning},
     results::{Results, goes_on},
     ring::{LENGTH, five_points},
     rows::{InLine, LONGEST, READ, Rows, sitting},
     state::{Moment, State, at_joint_center},
+    turns::{cubic_turn, mean},
 };
 
 /// Groups of eight instants that are worked out at a time.

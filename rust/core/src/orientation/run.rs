@@ -7,9 +7,10 @@ use super::{
     algebra::{Quat, dot4, exp, inverted, mul, normalize, scale, sub},
     filter::{Estimate, Filter, Status},
     lane::Real,
-    method::{Method, cubic_turn, mean},
+    method::Method,
     ring::is_even,
     settings::Settings,
+    turns::{cubic_turn, mean},
 };
 use crate::{PairSample, Xyz, condition::BREAK_STEPS};
 

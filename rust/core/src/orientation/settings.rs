@@ -74,7 +74,7 @@ impl Settings {
     /// Whether turns are by [`cubic_turn`]: the mean of two rates leaves out a hundredth of a motion of 1.5 Hz at 25 Hz, an eighth
     /// of that at 70; faster sampling gains nothing and pays for it.
     ///
-    /// [`cubic_turn`]: super::method::cubic_turn
+    /// [`cubic_turn`]: super::turns::cubic_turn
     pub(super) fn turn_by_cubics(&self) -> bool {
         self.midpoint && self.rate_hz < CUBIC_BELOW_HZ
     }
