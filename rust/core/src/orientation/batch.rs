@@ -60,7 +60,7 @@ impl<'a, T: Real, M: Method> Passenger<'a, T, M> {
         let (one, two) = (&self.filter, &other.filter);
         one.step == two.step
             && one.settings.midpoint == two.settings.midpoint
-            && one.settings.turn_by_cubics() == two.settings.turn_by_cubics()
+            && one.turns_by_cubics() == two.turns_by_cubics()
     }
 
     /// What became of it; its estimates begin at this row.

@@ -190,7 +190,7 @@ impl<V> Constants<V> {
                 bias_var: wide(&|f| f.tuning.bias_var),
             },
             midpoint: settings.midpoint,
-            cubics: settings.turn_by_cubics(),
+            cubics: lanes[0].filter.turns_by_cubics(),
             step: *step as usize,
         }
     }

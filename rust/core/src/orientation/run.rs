@@ -9,7 +9,6 @@ use super::{
     lane::Real,
     method::Method,
     ring::is_even,
-    settings::Settings,
     turns::{cubic_turn, mean},
 };
 use crate::{PairSample, Xyz, condition::BREAK_STEPS};
@@ -194,7 +193,7 @@ pub(super) fn finish<T: Real, M: Method>(filter: &mut Filter<T, M>, signals: &Si
     if let (Some(q), Some(std), Status::Starting) = (q.last_mut(), std.last_mut(), last.status) {
         (*q, *std) = (last.q, last.std);
     }
-    carry_back(filter.settings(), signals, q, std, &page.starts);
+    carry_back(filter, signals, q, std, &page.starts);
     make_continuous(q, std, page.settled);
 }
 
@@ -234,8 +233,14 @@ fn is_sound(q: &Quat<f64>, std: f64) -> bool {
 }
 
 /// Gives the samples of a start the orientation that it found, turned back by the gyroscopes.
-fn carry_back(settings: &Settings, signals: &Signals<'_>, q: &mut [Quat<f64>], std: &mut [f64], starts: &[Range<usize>]) {
-    let [gyr1, _, gyr2, _] = signals.xyz;
+fn carry_back<T: Real, M: Method>(
+    filter: &Filter<T, M>,
+    signals: &Signals<'_>,
+    q: &mut [Quat<f64>],
+    std: &mut [f64],
+    starts: &[Range<usize>],
+) {
+    let ([gyr1, _, gyr2, _], settings) = (signals.xyz, filter.settings());
     for k in starts.iter().rev().flat_map(|start| start.clone().rev()) {
         if k + 1 >= q.len() {
             continue;
@@ -246,7 +251,7 @@ fn carry_back(settings: &Settings, signals: &Signals<'_>, q: &mut [Quat<f64>], s
             1.0 / settings.rate_hz
         };
         let turn = |gyr: &[Xyz], bias: Xyz| {
-            if settings.turn_by_cubics() && k > 0 && k + 2 < gyr.len() && signals.is_even(k - 1..k + 3, settings.rate_hz) {
+            if filter.turns_by_cubics() && k > 0 && k + 2 < gyr.len() && signals.is_even(k - 1..k + 3, settings.rate_hz) {
                 return cubic_turn([gyr[k - 1], gyr[k], gyr[k + 1], gyr[k + 2]].map(|rate| sub(rate, bias)), dt);
             }
             scale(sub(if settings.midpoint { mean(gyr[k], gyr[k + 1]) } else { gyr[k + 1] }, bias), dt)

@@ -35,9 +35,6 @@ pub struct Settings {
     pub restart: bool,
 }
 
-/// See [`Settings::turn_by_cubics`].
-const CUBIC_BELOW_HZ: f64 = 40.0;
-
 impl Default for Settings {
     fn default() -> Self {
         Self {
@@ -69,14 +66,6 @@ impl Settings {
                 let size: f64 = q.iter().map(|x| x * x).sum();
                 (0.99..1.01).contains(&size) && std > 0.0 && std < 10.0
             })
-    }
-
-    /// Whether turns are by [`cubic_turn`]: the mean of two rates leaves out a hundredth of a motion of 1.5 Hz at 25 Hz, an eighth
-    /// of that at 70; faster sampling gains nothing and pays for it.
-    ///
-    /// [`cubic_turn`]: super::turns::cubic_turn
-    pub(super) fn turn_by_cubics(&self) -> bool {
-        self.midpoint && self.rate_hz < CUBIC_BELOW_HZ
     }
 
     pub(super) fn tuning(&self) -> Tuning<f64> {
