@@ -76,7 +76,6 @@ impl Complementary {
 
 impl Method for Complementary {
     const FULL_COVARIANCE: bool = false;
-    const CUBIC_BELOW_HZ: f64 = 40.0;
 
     #[inline(always)]
     fn begin<L: Lane>(&self, s: &mut State<L>) {

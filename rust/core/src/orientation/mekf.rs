@@ -141,7 +141,6 @@ fn together<L: Lane>(v: &[Vec3<L>; 2], by: [L; 2]) -> Vec3<L> {
 
 impl Method for Mekf {
     const FULL_COVARIANCE: bool = true;
-    const CUBIC_BELOW_HZ: f64 = 80.0;
 
     #[inline(always)]
     fn begin<L: Lane>(&self, _: &mut State<L>) {}

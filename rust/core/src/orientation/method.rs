@@ -14,8 +14,6 @@ use super::{
 pub trait Method: Copy + PartialEq + Serialize + DeserializeOwned + Send + Sync + 'static {
     /// Whether [`State::p`] is a 3×3 matrix.
     const FULL_COVARIANCE: bool;
-    /// Below this rate a turn between two samples is that of a cubic, Hz: faster sampling gains little and pays for it.
-    const CUBIC_BELOW_HZ: f64;
     /// Takes over a state that a start has made.
     fn begin<L: Lane>(&self, state: &mut State<L>);
     /// Turns with the gyroscopes and, where `correct`, uses the accelerations.

@@ -39,7 +39,7 @@ impl<T: Real, M: Method> Filter<T, M> {
     /// Whether turns are by [`cubic_turn`] where time is even: at 25 Hz the mean of two rates leaves out a hundredth of a motion of
     /// 1.5 Hz, at 70 an eighth of that.
     pub(super) fn turns_by_cubics(&self) -> bool {
-        self.settings.midpoint && self.settings.rate_hz < M::CUBIC_BELOW_HZ
+        self.settings.midpoint && self.settings.rate_hz < CUBIC_BELOW_HZ
     }
 
     /// The turn from the sample before `number` to it; `whole`: its neighbours are there, and no gap is among them.
@@ -114,6 +114,8 @@ pub(super) fn gap_variance<T: Real>(step: &Step<T>) -> f64 {
     (std * std).min(core::f64::consts::PI * core::f64::consts::PI / 3.0)
 }
 
+/// Faster sampling gains little by cubics and pays for them, Hz.
+const CUBIC_BELOW_HZ: f64 = 40.0;
 /// Over a longer gap derivatives at its ends tell nothing of its middle, s.
 const LONGEST_BRIDGE_S: f64 = 0.3;
 /// In a gap of `t` seconds between rates of `ω` the orientation is uncertain by about this times `ω t³`, 1/s²: a motion of 2 Hz
