@@ -491,4 +491,5 @@ class BodyProblem:
         covariance: bool,
         watch: Callable[[int, float, float, float], object] | None = None,
         held: NDArray[np.float64] | None = None,
+        beforehand: NDArray[np.float64] | None = None,
     ) -> BodyFit: ...

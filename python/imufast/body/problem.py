@@ -39,17 +39,19 @@ def problem(
     settings: LowerBodySettings,
     biases: Array,
     moved: list[Skin],
+    shares: Array | None = None,
 ) -> _core.BodyProblem:
     """Sensors, joints, measures and skins as the core wants them; `biases` (S, 2, 3) of gyroscopes (rad/s) and
-    accelerometers."""
+    accelerometers, `shares` (J,) of the stated standard deviations of joint centres that are taken, default all of them."""
     s, a = settings, anthropometry
     hinge_std = s.hinge_std * _more(s)
     axes_std = None if s.axes_std_deg is None else float(np.radians(s.axes_std_deg) * _more(s))
     joints = []
-    for name, (upper, lower) in layout.joints.items():
+    for n, (name, (upper, lower)) in enumerate(layout.joints.items()):
         kind = name.split("_")[0]
         hinge = kind == "knee"
-        joints.append((upper, lower, [center_std_m(kind, s)] * 3, hinge_std if hinge else None, axes_std if hinge else None))
+        center_std = center_std_m(kind, s) * (1.0 if shares is None else float(shares[n]))
+        joints.append((upper, lower, [center_std] * 3, hinge_std if hinge else None, axes_std if hinge else None))
     bones, angles, order = [], [], []
     lengths = {"femur": a.femur_m, "tibia": a.tibia_m, "hips": a.hips_m}
     for name, (upper_end, lower_end) in layout.bones().items():

@@ -44,7 +44,7 @@ class Reading:
         layout, fit, settings = ask.layout, solved.fit, ask.settings
         self.recording, self.start, self.rows, self.fit = solved.recording, solved.start, solved.rows, fit
         self.layout, self.anthropometry, self.turned, start = layout, ask.anthropometry, matrix(fit.q), solved.start
-        self.settings = settings
+        self.settings, self.shares = settings, solved.shares
         self.measured = set(frames(layout, fit.centers, fit.axes, start.up))
         self.frames = self.all_frames() if known is None else known
         self.turns = self.turns_of_frames()
@@ -275,10 +275,10 @@ class Reading:
             why.append(f"heading {drift_deg:.0f} degrees off what its two sensors alone say")
         if shown > OPEN_M:
             why.append(f"centre certain to {1e3 * shown:.0f} mm only")
-        apart = float(np.sqrt(fit.joint_squares[:, j, 0].mean() / 3.0))
+        stated_m = center_std_m(name.partition("_")[0], self.settings)
+        apart = float(self.shares[j] * np.sqrt(fit.joint_squares[:, j, 0].mean() / 3.0))
         if apart > APART:
-            expected_m = center_std_m(name.partition("_")[0], self.settings)
-            why.append(f"its two sensors see it {100.0 * apart * expected_m:.0f} cm apart: they contradict each other")
+            why.append(f"its two sensors see it {100.0 * apart * stated_m:.0f} cm apart: they contradict each other")
         return BodyJoint(
             in_sensors=fit.centers[j],
             in_sensors_std=center_std,

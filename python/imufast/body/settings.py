@@ -85,8 +85,9 @@ class LowerBodySettings(Checked):
         gyr_walk, acc_walk: random walk of the biases, rad/s/√s and m/s²/√s; defaults 2e-5 and 2e-4.
         gyr_bias_std, acc_bias_std: of each bias channel around what `track` finds, rad/s and m/s²; defaults 0.005 and 0.1.
         hip_std_m, knee_std_m, ankle_std_m: how far apart the sensors on either side may see a joint, m: soft tissue that does
-            not follow the flexion in proportion. Defaults 0.03, 0.013, 0.01. These and the next two are of residuals 0.1 s
-            apart, whatever `key_step_s`.
+            not follow the flexion in proportion. Defaults 0.03, 0.013, 0.01. Where a recording sees a joint less far apart than
+            that while it moves, as much less is taken, down to half. These and the next two are of residuals 0.1 s apart,
+            whatever `key_step_s`.
         hinge_std: rate of a knee across its axis, rad/s; default 0.5.
         axes_std_deg: how far the knee's axis in the shank may stand off that in the thigh, degrees; None: not asked, as the
             paper does. Default 7.

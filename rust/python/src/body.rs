@@ -175,8 +175,13 @@ impl BodyProblem {
 
     /// The most probable state from a start: `q` (K, S, 4), `velocity`, `position`, `gyr_bias`, `acc_bias` (K, S, 3), `centers`,
     /// `axes` (J, 2, 3), `skins` (T, 2, 3). `drives` (K, T, 1) are the
-    /// angles that move the skins, rad. `held` (C, C), where given, is the covariance of constants that stay as they are. `watch`, where given, is called with (trial, cost, promised, damping) and may raise to stop.
-    #[pyo3(signature = (q, velocity, position, gyr_bias, acc_bias, centers, axes, skins, drives, descent, covariance, watch=None, held=None))]
+    /// angles that move the skins, rad. `held` (C, C), where given, is the covariance of constants that stay as they are; `beforehand`,
+    /// likewise, the joint centres around which centres are expected, else `centers`. `watch`, where given, is called with
+    /// (trial, cost, promised, damping) and may raise to stop.
+    #[pyo3(signature = (
+        q, velocity, position, gyr_bias, acc_bias, centers, axes, skins, drives, descent, covariance, watch=None, held=None,
+        beforehand=None
+    ))]
     #[expect(clippy::too_many_arguments, reason = "one call from one place in Python, all by position")]
     fn minimise(
         &self,
@@ -194,6 +199,7 @@ impl BodyProblem {
         covariance: bool,
         watch: Option<Py<PyAny>>,
         held: Option<PyReadonlyArray2<'_, f64>>,
+        beforehand: Option<PyReadonlyArray3<'_, f64>>,
     ) -> PyResult<BodyFit> {
         let (moments, sensors, joints) = (self.moments.len(), self.model.sensors, self.model.joints.len());
         let turned = flat(&q, [moments, sensors, 4], "q")?.as_chunks::<4>().0;
@@ -211,6 +217,7 @@ impl BodyProblem {
             )
         };
         let (centers, mut axes) = (pairs(&centers, joints, "centers")?, pairs(&axes, joints, "axes")?);
+        let beforehand = beforehand.as_ref().map(|array| pairs(array, joints, "beforehand")).transpose()?;
         let count = self.model.skins.len();
         let skins = pairs(&skins, count, "skins")?;
         let drives = flat(&drives, [moments, count, 1], "drives")?;
@@ -254,6 +261,7 @@ impl BodyProblem {
         let (end, known, squares) = py.detach(|| {
             let mut problem = Problem::new(&self.model, &self.moments, &start);
             problem.held = held;
+            problem.centers = beforehand.unwrap_or(problem.centers);
             problem.drives.copy_from_slice(drives);
             let mut number = 0;
             let mut told = |trial: &Trial| {
