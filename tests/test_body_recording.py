@@ -164,6 +164,28 @@ def test_who_sits_between_two_breaks_faces_as_before(recording: Recording, body:
         assert float(np.abs(off).max()) < 10.0
 
 
+def test_who_is_seen_to_sit_down_and_sits_has_knees(recording: Recording, body: LowerBody) -> None:
+    found = estimate_lower_body(recording.between(5.0, 40.0), PLACEMENT)
+    assert found.status is BodyStatus.CONVERGED
+    assert any("only sits" in why for why in found.why)
+    rows = np.searchsorted(body.time_s, found.time_s - 1e-9)
+    for side in SIDES:
+        for kind in ("knee", "hip"):
+            off = getattr(found, f"{kind}_angles_deg")[side] - getattr(body, f"{kind}_angles_deg")[side][rows]
+            assert (np.abs(off) < 2.0 * getattr(found, f"{kind}_std_deg")[side]).mean() > 0.9
+
+
+def test_who_is_hardly_seen_to_move_is_not_said_to_stand(recording: Recording, body: LowerBody) -> None:
+    """The second half of sitting down and a long rest: thighs that lie, next to nothing of which way they point."""
+    found = estimate_lower_body(recording.between(10.0, 40.0), PLACEMENT)
+    assert found.status is BodyStatus.NOT_OBSERVABLE
+    assert any("stands or sits is open" in why for why in found.why)
+    rows = np.searchsorted(body.time_s, found.time_s - 1e-9)
+    for side in SIDES:
+        off = found.knee_angles_deg[side] - body.knee_angles_deg[side][rows]
+        assert (np.abs(off[:, 0]) < 2.0 * found.knee_std_deg[side][:, 0]).mean() > 0.9
+
+
 def test_who_only_walks_is_found(recording: Recording) -> None:
     found = estimate_lower_body(recording.between(60.0, 95.0), PLACEMENT)
     assert found.status is BodyStatus.CONVERGED

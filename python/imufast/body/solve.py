@@ -139,8 +139,8 @@ def _search(
     held: Array | None = None,
     early: bool = False,
 ) -> _core.BodyFit:
-    """The rest of a search after the systems in `history`; `early`: it may end early, and nothing is asked of how uncertain what
-    it finds is."""
+    """What is left of a search after the systems in `history`; `early`: it may end early, and tells nothing of how uncertain it
+    is."""
     q, velocity, position, gyr_bias, acc_bias, centers, axes, still = (
         np.ascontiguousarray(state[name], dtype=np.float64) for name in STATE
     )

@@ -25,6 +25,8 @@ TILT_S = 10.0
 
 ALONE = Smoother(most_parts=1)
 """How two sensors are tracked: a start need not know how far parts of it differ."""
+TOLD = 3.0
+"""A bone that is as long as so many of its standard deviations has a direction."""
 OPEN_DEG = 30.0
 """Two sensors whose turn against each other is less certain than this do not show it."""
 
@@ -81,6 +83,7 @@ class BodyStart:
         q: (N, S, 4) sensors to the world, from the root down.
         up: (S, 3) what is upwards in each sensor at rest, else on average; after `stand` while the subject stands.
         stood: whether it is known to stand still for a second.
+        sat: whether it never does, but rests on a chair for as long.
     """
 
     def __init__(self, recording: Recording, layout: Layout, before: BodyStart | None = None) -> None:
@@ -104,8 +107,9 @@ class BodyStart:
         if before is not None:
             self.up: Array = before.up
             self.stood: bool = before.stood
+            self.sat: bool = before.sat
             return
-        self.stood = False
+        self.stood = self.sat = False
         quiet = np.max([np.linalg.norm(imu.gyr, axis=1) for imu in imus], axis=0) < STILL
         self.up = self._mean_up(quiet if quiet.sum() >= recording.rate_hz else np.ones(len(quiet), dtype=bool))
 
@@ -138,7 +142,8 @@ class BodyStart:
                 self.q[rows, lower] = multiply(about_z, self.q[rows, lower])
 
     def stand(self, rests: Rests, fit: _core.BodyFit) -> None:
-        """Take the uprights from those rests in which the subject stands; where it never does, from all of the motion.
+        """Take the uprights from those rests in which the subject stands; where it never does, from all of the motion, but of
+        feet from all rests, in which they are on the floor or hang.
 
         Args:
             rests: of this recording or of one that it is a part of.
@@ -146,7 +151,14 @@ class BodyStart:
         """
         standing = rests.standing(fit.centers, fit.axes, self.up)
         self.stood = bool(standing.any())
-        self.up = rests.up(standing) if self.stood else self._mean_up(np.ones(len(self.q), dtype=bool))
+        self.sat = not self.stood and rests.sitting(fit.centers, fit.axes, self.up)
+        if self.stood:
+            self.up = rests.up(standing)
+            return
+        self.up = self._mean_up(np.ones(len(self.q), dtype=bool))
+        if rests.long_enough(rests.all):
+            feet = [segment.startswith("foot") for segment in self.layout.segments]
+            self.up[feet] = rests.up(rests.all)[feet]
 
     def _mean_up(self, rows: NDArray[np.bool_]) -> Array:
         up = matrix(self.q[rows])[:, :, 2, :].mean(axis=0)
@@ -154,7 +166,8 @@ class BodyStart:
         return unit
 
     def constants(self, anthropometry: Anthropometry) -> tuple[Array, Array]:
-        """Joint centres and axes; a bone of an impossible length is replaced by the usual one along the upright."""
+        """Joint centres and axes; a bone of an impossible length is replaced by the usual one in its direction, where that is
+        known: little motion draws centres towards their sensors, so that who sits has short thighs. Else along the upright."""
         centers = np.stack([self.joints[name].centers for name in self.layout.names])
         axes = np.stack([self.joints[name].axes for name in self.layout.names])
         a = anthropometry
@@ -166,9 +179,20 @@ class BodyStart:
             length = float(np.linalg.norm(centers[high] - centers[low]))
             if not 0.6 * mean < length < 1.5 * mean:
                 sensor = self.layout.joints[self.layout.names[high[0]]][high[1]]
+                bone, along = centers[high] - centers[low], self.up[sensor]
+                variance = sum(bone @ self._center_covariance(*end) @ bone for end in (high, low))
+                if length > 1e-3 and length**4 > TOLD**2 * variance:
+                    along = bone / length
                 middle = 0.5 * (centers[high] + centers[low]) if length > 1e-3 else np.zeros(3)
-                centers[high], centers[low] = middle + 0.5 * mean * self.up[sensor], middle - 0.5 * mean * self.up[sensor]
+                centers[high], centers[low] = middle + 0.5 * mean * along, middle - 0.5 * mean * along
         return centers, axes
+
+    def _center_covariance(self, joint: int, side: int) -> Array:
+        """(3, 3) of a joint's centre as one of its two sensors says, m²."""
+        center = self.joints[self.layout.names[joint]].rel.calibration.center
+        if center is None:
+            return np.diag(np.full(3, np.inf))
+        return center.covariance[3 * side : 3 * side + 3, 3 * side : 3 * side + 3]
 
 
 def _axes_from(rel: RelativeOrientation, upper: Imu, lower: Imu) -> Array:
