@@ -492,4 +492,5 @@ class BodyProblem:
         watch: Callable[[int, float, float, float], object] | None = None,
         held: NDArray[np.float64] | None = None,
         beforehand: NDArray[np.float64] | None = None,
+        rests: NDArray[np.float64] | None = None,
     ) -> BodyFit: ...

@@ -11,7 +11,7 @@ from imufast.body.settings import Anthropometry, LowerBodySettings
 from imufast.body.tissue import Skin
 from imufast.imu import Recording
 
-__all__ = ["LIMITS_M", "center_std_m", "problem"]
+__all__ = ["LIMITS_M", "center_std_m", "problem", "rest_information"]
 
 Array = NDArray[np.float64]
 GRAVITY = 9.80665
@@ -26,6 +26,15 @@ APART_S = 0.1
 def center_std_m(kind: str, settings: LowerBodySettings) -> float:
     """Of a "hip", "knee" or "ankle" as it counts at each moment: what they say in a second does not depend on their number."""
     return float(getattr(settings, f"{kind}_std_m") * _more(settings))
+
+
+def rest_information(still: NDArray[np.bool_], span_s: float, settings: LowerBodySettings) -> Array:
+    """(K, 1, 1) 1/(m/s)², that the first sensor is as fast at the next moment, `span_s` s later, where the body is `still`.
+
+    Else a subject who sits could drift about at metres per second, and headings would be read from those accelerations.
+    """
+    step = settings.rest_acc_std * span_s * _more(settings)
+    return np.asarray(still / step**2).reshape(-1, 1, 1)
 
 
 def _more(settings: LowerBodySettings) -> float:

@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 OPEN_M = 0.03
 """Likewise a joint centre of which a direction is less certain than this, m."""
+OPEN_S = 1.0
+"""A heading that is open for so long is named, s."""
 APART = 3.0
 """Sensors that see their joint apart by so many times what was expected, rms, contradict each other."""
 UPRIGHT_DEG = STANDING_STD_DEG
@@ -80,6 +82,9 @@ class Reading:
         undetermined = [name for name, joint in joints.items() if not joint.determined]
         if undetermined:
             why.append(f"the motion leaves open: {', '.join(undetermined)}")
+        for name, joint in joints.items():
+            if joint.turn_determined and (spans := self.open_spans(joint.heading_std_deg)):
+                why.append(f"{name}: how its segments are turned against each other is open {spans}")
         status = BodyStatus(fit.status)
         if status is not BodyStatus.NUMERICAL_ERROR and not any(joint.determined for joint in joints.values()):
             status = BodyStatus.NOT_OBSERVABLE
@@ -127,6 +132,14 @@ class Reading:
             anthropometry=self.anthropometry,
             settings=self.settings,
         )
+
+    def open_spans(self, heading_deg: Array) -> str:
+        """In words, when a heading is open for `OPEN_S` at least; empty where it never is."""
+        time_s = self.recording.time_s[self.rows]
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], heading_deg > UNSEEN_DEG, [False]])))
+        spans = [(time_s[a], time_s[b - 1]) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+        told = [f"from {start:.0f} to {stop:.0f} s" for start, stop in spans if stop - start >= OPEN_S]
+        return ", ".join([*told[:3], f"and {len(told) - 3} times more"] if len(told) > 3 else told)
 
     def all_frames(self) -> dict[int, Array]:
         """Sensor to (3, 3), segment to sensor, of all that have a neighbour whose frame is known."""

@@ -12,9 +12,9 @@ from imufast import _core
 from imufast.body.anatomy import positions
 from imufast.body.firmness import firmness
 from imufast.body.layout import Layout
-from imufast.body.problem import problem
+from imufast.body.problem import problem, rest_information
 from imufast.body.settings import Anthropometry, LowerBodySettings
-from imufast.body.stance import Rests, signed
+from imufast.body.stance import Rests, resting, signed
 from imufast.body.start import BodyStart
 from imufast.body.tissue import Tissue, skins
 from imufast.imu import Recording
@@ -100,10 +100,11 @@ def solve(recording: Recording, ask: Ask, start: BodyStart, stage: str, held: So
         "skins": still,
     }
     driven = tissue.drives(q, axes)
+    quiet = rest_information(resting(recording, placed, rows), how.key_step_s, how)
     history, why = np.zeros((0, 5)), []
     if held is None:
         # What the joints' standard deviations are, and which way axes point, a search that ends early tells as well.
-        fit = _search(graph, state, driven, ask, stage, history, beforehand=centers, early=True)
+        fit = _search(graph, state, (driven, quiet), ask, stage, history, beforehand=centers, early=True)
         history = fit.trials
         state = {name: getattr(fit, name) for name in STATE}
         again = signed(placed, fit.q, fit.centers, fit.axes, start.up, rests)
@@ -111,7 +112,7 @@ def solve(recording: Recording, ask: Ask, start: BodyStart, stage: str, held: So
             # An axis that pointed to the left has pushed the knee's centre aside: search once more.
             state |= {"axes": again, "skins": still}
             driven = tissue.drives(fit.q, again)
-            fit = _search(graph, state, driven, ask, stage, history, beforehand=centers, early=True)
+            fit = _search(graph, state, (driven, quiet), ask, stage, history, beforehand=centers, early=True)
             history = np.concatenate([history, fit.trials])
             state = {name: getattr(fit, name) for name in STATE}
             why.append("a knee's axis was turned round and the search repeated")
@@ -120,7 +121,7 @@ def solve(recording: Recording, ask: Ask, start: BodyStart, stage: str, held: So
     else:
         shares = held.shares
     covariance = None if held is None else held.fit.constants_covariance
-    fit = _search(graph, state, driven, ask, stage, history, beforehand=centers, held=covariance)
+    fit = _search(graph, state, (driven, quiet), ask, stage, history, beforehand=centers, held=covariance)
     history = np.concatenate([history, fit.trials])
     if held is None:
         start.stand(Rests(recording, placed, fit.acc_bias.mean(axis=0)), fit)
@@ -130,7 +131,7 @@ def solve(recording: Recording, ask: Ask, start: BodyStart, stage: str, held: So
 def _search(
     graph: _core.BodyProblem,
     state: dict[str, Array],
-    driven: Array,
+    moved: tuple[Array, Array],
     ask: Ask,
     stage: str,
     history: Array,
@@ -139,8 +140,11 @@ def _search(
     held: Array | None = None,
     early: bool = False,
 ) -> _core.BodyFit:
-    """What is left of a search after the systems in `history`; `early`: it may end early, and tells nothing of how uncertain it
-    is."""
+    """What is left of a search after the systems in `history`.
+
+    `moved`: angles that move the skins, and information on where nothing moves; `early`: it may end early, and tells nothing of
+    how uncertain it is.
+    """
     q, velocity, position, gyr_bias, acc_bias, centers, axes, still = (
         np.ascontiguousarray(state[name], dtype=np.float64) for name in STATE
     )
@@ -153,5 +157,6 @@ def _search(
             progress(len(history) + iteration, cost, promised, damping, stage)
 
     constants = None if held is None else np.ascontiguousarray(held)
-    parts = (q, velocity, position, gyr_bias, acc_bias, centers, axes, still, np.ascontiguousarray(driven))
-    return graph.minimise(*parts, descent, not early, watch, constants, np.ascontiguousarray(beforehand))
+    driven, quiet = (np.ascontiguousarray(part) for part in moved)
+    parts = (q, velocity, position, gyr_bias, acc_bias, centers, axes, still, driven)
+    return graph.minimise(*parts, descent, not early, watch, constants, np.ascontiguousarray(beforehand), quiet)

@@ -15,7 +15,7 @@ from imufast.body.layout import SIDES, Layout
 from imufast.imu import BREAK_STEPS, Recording
 from imufast.quaternion import matrix
 
-__all__ = ["STILL", "Rests", "signed"]
+__all__ = ["STILL", "Rests", "resting", "signed"]
 
 Array = NDArray[np.float64]
 STILL = 0.3
@@ -105,6 +105,13 @@ class Rests:
 
     def _lengths(self) -> Array:
         return np.array([stop - start for start, stop in self.spans], dtype=np.float64)
+
+
+def resting(recording: Recording, layout: Layout, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """(K,) whether all sensors are quiet from each of the moments at `rows` to the next; of the last one: at it."""
+    fast = np.max([(recording[name].gyr ** 2).sum(axis=1) for name in layout.placed.values()], axis=0) >= STILL**2
+    still: NDArray[np.bool_] = np.add.reduceat(fast, rows) == 0
+    return still
 
 
 def signed(layout: Layout, q: Array, centers: Array, axes: Array, up: Array, rests: Rests) -> Array:

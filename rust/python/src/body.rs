@@ -176,11 +176,12 @@ impl BodyProblem {
     /// The most probable state from a start: `q` (K, S, 4), `velocity`, `position`, `gyr_bias`, `acc_bias` (K, S, 3), `centers`,
     /// `axes` (J, 2, 3), `skins` (T, 2, 3). `drives` (K, T, 1) are the
     /// angles that move the skins, rad. `held` (C, C), where given, is the covariance of constants that stay as they are; `beforehand`,
-    /// likewise, the joint centres around which centres are expected, else `centers`. `watch`, where given, is called with
+    /// likewise, the joint centres around which centres are expected, else `centers`; `rests` (K, 1, 1) where the body rests the
+    /// information that the first sensor moves as fast at the next moment, 1/(m/s)². `watch`, where given, is called with
     /// (trial, cost, promised, damping) and may raise to stop.
     #[pyo3(signature = (
         q, velocity, position, gyr_bias, acc_bias, centers, axes, skins, drives, descent, covariance, watch=None, held=None,
-        beforehand=None
+        beforehand=None, rests=None
     ))]
     #[expect(clippy::too_many_arguments, reason = "one call from one place in Python, all by position")]
     fn minimise(
@@ -200,6 +201,7 @@ impl BodyProblem {
         watch: Option<Py<PyAny>>,
         held: Option<PyReadonlyArray2<'_, f64>>,
         beforehand: Option<PyReadonlyArray3<'_, f64>>,
+        rests: Option<PyReadonlyArray3<'_, f64>>,
     ) -> PyResult<BodyFit> {
         let (moments, sensors, joints) = (self.moments.len(), self.model.sensors, self.model.joints.len());
         let turned = flat(&q, [moments, sensors, 4], "q")?.as_chunks::<4>().0;
@@ -221,6 +223,7 @@ impl BodyProblem {
         let count = self.model.skins.len();
         let skins = pairs(&skins, count, "skins")?;
         let drives = flat(&drives, [moments, count, 1], "drives")?;
+        let rests = rests.as_ref().map(|array| flat(array, [moments, 1, 1], "rests")).transpose()?;
         for axis in axes.iter_mut().flatten() {
             *axis = axis.try_normalize(1e-9).ok_or_else(|| PyValueError::new_err("axes must not be zero"))?;
         }
@@ -263,6 +266,9 @@ impl BodyProblem {
             problem.held = held;
             problem.centers = beforehand.unwrap_or(problem.centers);
             problem.drives.copy_from_slice(drives);
+            if let Some(rests) = rests {
+                problem.rests.copy_from_slice(rests);
+            }
             let mut number = 0;
             let mut told = |trial: &Trial| {
                 number += 1;

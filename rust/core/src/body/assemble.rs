@@ -32,6 +32,9 @@ pub struct Problem<'a> {
     pub held: Option<Vec<f64>>,
     /// Angle that moves each skin, moment by moment, rad.
     pub drives: Vec<f64>,
+    /// Where the body rests: information that the velocity of the first sensor is the same at a moment and the next, 1/(m/s)²,
+    /// moment by moment; zero elsewhere, and without effect where no samples lead to the next.
+    pub rests: Vec<f64>,
 }
 
 /// Information that holds a constant, 1/m² and 1/rad².
@@ -60,6 +63,7 @@ impl Problem<'_> {
             gauges: begin.map(|k| (k, Gauge::of(&start.motions[k * sensors]))).collect(),
             held: None,
             drives: vec![0.0; moments.len() * model.skins.len()],
+            rests: vec![0.0; moments.len()],
         }
     }
 
@@ -96,6 +100,7 @@ impl Problem<'_> {
         for k in 0..self.moments.len() {
             let here = &state.motions[k * sensors..];
             if let Some(after) = state.motions.get((k + 1) * sensors..(k + 2) * sensors) {
+                cost += 0.5 * self.rest(k) * (after[0].velocity - here[0].velocity).norm_squared();
                 for s in 0..sensors {
                     let [gyr, acc] = self.walk_weights(k);
                     cost += 0.5 * gyr * (after[s].gyr_bias - here[s].gyr_bias).norm_squared();
@@ -130,6 +135,11 @@ impl Problem<'_> {
         let noise = &self.model.noise;
         let span = self.moments.moments[k].span_s.max(1e-9);
         [1.0 / (noise.gyr_walk * noise.gyr_walk * span), 1.0 / (noise.acc_walk * noise.acc_walk * span)]
+    }
+
+    /// Information of the first sensor's step of velocity from moment k to the next.
+    fn rest(&self, k: usize) -> f64 {
+        if self.moments.moments[k].linked { self.rests[k] } else { 0.0 }
     }
 
     /// Squares of the white residuals at `state`: of each sensor's dynamics (nine numbers) from each moment to the next, zero
@@ -242,6 +252,7 @@ impl Problem<'_> {
                 for (at, weight, step) in [
                     (GYR_BIAS, walk[0], after[i].gyr_bias - here[i].gyr_bias),
                     (ACC_BIAS, walk[1], after[i].acc_bias - here[i].acc_bias),
+                    (VELOCITY, if i == 0 { self.rest(k) } else { 0.0 }, after[i].velocity - here[i].velocity),
                 ] {
                     for c in 0..3 {
                         let a = at + c;
