@@ -162,6 +162,13 @@ def test_who_sits_between_two_breaks_faces_as_before(recording: Recording, body:
     for side in SIDES:
         off = found.hip_angles_deg[side][:, 0] - body.hip_angles_deg[side][whole, 0]
         assert float(np.abs(off).max()) < 10.0
+    # How the thighs are turned is open then, and said to be: neither is it read from how the body drifts about.
+    resting = (found.time_s > 13.0) & (found.time_s < 38.0)
+    for side in SIDES:
+        assert any(why.startswith(f"hip_{side}") and "open from 12 to 38 s" in why for why in found.why)
+        off = (found.hip_angles_deg[side] - body.hip_angles_deg[side][whole])[resting]
+        assert float(np.abs(off).max()) < 25.0
+        assert (np.abs(off) < 2.0 * found.hip_std_deg[side][resting]).all()
 
 
 def test_who_is_seen_to_sit_down_and_sits_has_knees(recording: Recording, body: LowerBody) -> None:

@@ -493,4 +493,6 @@ class BodyProblem:
         held: NDArray[np.float64] | None = None,
         beforehand: NDArray[np.float64] | None = None,
         rests: NDArray[np.float64] | None = None,
+        postures: NDArray[np.float64] | None = None,
+        usual: NDArray[np.float64] | None = None,
     ) -> BodyFit: ...

@@ -12,7 +12,7 @@ from imufast import _core
 from imufast.body.anatomy import positions
 from imufast.body.firmness import firmness
 from imufast.body.layout import Layout
-from imufast.body.problem import problem, rest_information
+from imufast.body.problem import problem, rest_information, usual_postures
 from imufast.body.settings import Anthropometry, LowerBodySettings
 from imufast.body.stance import Rests, resting, signed
 from imufast.body.start import BodyStart
@@ -101,10 +101,11 @@ def solve(recording: Recording, ask: Ask, start: BodyStart, stage: str, held: So
     }
     driven = tissue.drives(q, axes)
     quiet = rest_information(resting(recording, placed, rows), how.key_step_s, how)
+    held_by = (quiet, *usual_postures(placed, start.postures, rows))
     history, why = np.zeros((0, 5)), []
     if held is None:
         # What the joints' standard deviations are, and which way axes point, a search that ends early tells as well.
-        fit = _search(graph, state, (driven, quiet), ask, stage, history, beforehand=centers, early=True)
+        fit = _search(graph, state, (driven, *held_by), ask, stage, history, beforehand=centers, early=True)
         history = fit.trials
         state = {name: getattr(fit, name) for name in STATE}
         again = signed(placed, fit.q, fit.centers, fit.axes, start.up, rests)
@@ -112,7 +113,7 @@ def solve(recording: Recording, ask: Ask, start: BodyStart, stage: str, held: So
             # An axis that pointed to the left has pushed the knee's centre aside: search once more.
             state |= {"axes": again, "skins": still}
             driven = tissue.drives(fit.q, again)
-            fit = _search(graph, state, (driven, quiet), ask, stage, history, beforehand=centers, early=True)
+            fit = _search(graph, state, (driven, *held_by), ask, stage, history, beforehand=centers, early=True)
             history = np.concatenate([history, fit.trials])
             state = {name: getattr(fit, name) for name in STATE}
             why.append("a knee's axis was turned round and the search repeated")
@@ -121,7 +122,7 @@ def solve(recording: Recording, ask: Ask, start: BodyStart, stage: str, held: So
     else:
         shares = held.shares
     covariance = None if held is None else held.fit.constants_covariance
-    fit = _search(graph, state, (driven, quiet), ask, stage, history, beforehand=centers, held=covariance)
+    fit = _search(graph, state, (driven, *held_by), ask, stage, history, beforehand=centers, held=covariance)
     history = np.concatenate([history, fit.trials])
     if held is None:
         start.stand(Rests(recording, placed, fit.acc_bias.mean(axis=0)), fit)
@@ -131,7 +132,7 @@ def solve(recording: Recording, ask: Ask, start: BodyStart, stage: str, held: So
 def _search(
     graph: _core.BodyProblem,
     state: dict[str, Array],
-    moved: tuple[Array, Array],
+    moved: tuple[Array, ...],
     ask: Ask,
     stage: str,
     history: Array,
@@ -142,8 +143,8 @@ def _search(
 ) -> _core.BodyFit:
     """What is left of a search after the systems in `history`.
 
-    `moved`: angles that move the skins, and information on where nothing moves; `early`: it may end early, and tells nothing of
-    how uncertain it is.
+    `moved`: angles that move the skins, information on where nothing moves, usual postures. `early`: it may end early, and
+    tells nothing of how uncertain it is.
     """
     q, velocity, position, gyr_bias, acc_bias, centers, axes, still = (
         np.ascontiguousarray(state[name], dtype=np.float64) for name in STATE
@@ -157,6 +158,6 @@ def _search(
             progress(len(history) + iteration, cost, promised, damping, stage)
 
     constants = None if held is None else np.ascontiguousarray(held)
-    driven, quiet = (np.ascontiguousarray(part) for part in moved)
+    driven, *known = (np.ascontiguousarray(part) for part in moved)
     parts = (q, velocity, position, gyr_bias, acc_bias, centers, axes, still, driven)
-    return graph.minimise(*parts, descent, not early, watch, constants, np.ascontiguousarray(beforehand), quiet)
+    return graph.minimise(*parts, descent, not early, watch, constants, np.ascontiguousarray(beforehand), *known)

@@ -81,6 +81,8 @@ class BodyStart:
         joints: joint to what its two sensors alone say.
         biases: (S, 2, 3) gyroscope and accelerometer biases, rad/s and m/s²: the mean of what the joints of a sensor say.
         q: (N, S, 4) sensors to the world, from the root down.
+        postures: hip or ankle to directions (2, 3) in both its sensors that usually agree, where the motion shows them, and to
+            (N,) in which of the stretches between breaks, by number from 1 on, it does not show them; else 0.
         up: (S, 3) what is upwards in each sensor at rest, else on average; after `stand` while the subject stands.
         stood: whether it is known to stand still for a second.
         sat: whether it never does, but rests on a chair for as long.
@@ -99,6 +101,7 @@ class BodyStart:
                 total[sensor] += self.joints[name].biases[side]
                 count[sensor] += 1.0
         self.biases: Array = total / np.maximum(count, 1.0)
+        self.postures: dict[str, tuple[Array, NDArray[np.intp]]] = {}
         self.q = np.empty((len(recording.time_s), len(imus), 4))
         self.q[:, 0] = _upright(imus[0], self.biases[0, 0])
         for name, (upper, lower) in layout.joints.items():
@@ -133,9 +136,16 @@ class BodyStart:
             other = upper if kind == "hip" else lower
             usual = rotate(conjugate(self.q[certain, other]), pair[0][certain]).mean(axis=0)
             pair.insert(0 if kind == "hip" else 1, right(other, usual))
+            axes = [usual if axis is None else axis for axis in known]
+            self.postures[name] = (
+                np.stack([axis / max(np.linalg.norm(axis), 1e-9) for axis in axes]),
+                np.zeros(len(certain), int),
+            )
         breaks = np.flatnonzero(np.diff(recording.time_s) > BREAK_STEPS / recording.rate_hz) + 1
-        for rows in np.split(np.arange(len(certain)), breaks):
+        for number, rows in enumerate(np.split(np.arange(len(certain)), breaks), start=1):
             if not certain[rows].any():
+                if name in self.postures:
+                    self.postures[name][1][rows] = number
                 high, low = ((axis[rows, :2] @ [1.0, 1.0j]).sum() for axis in pair)
                 half = 0.5 * np.angle(high * np.conj(low))
                 about_z = np.broadcast_to([np.cos(half), 0.0, 0.0, np.sin(half)], (len(rows), 4))

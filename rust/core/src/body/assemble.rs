@@ -35,6 +35,10 @@ pub struct Problem<'a> {
     /// Where the body rests: information that the velocity of the first sensor is the same at a moment and the next, 1/(m/s)²,
     /// moment by moment; zero elsewhere, and without effect where no samples lead to the next.
     pub rests: Vec<f64>,
+    /// Directions in both sensors of each joint that usually agree.
+    pub postures: Vec<[Vector3<f64>; 2]>,
+    /// Information that they do, 1/rad², joint by joint at one moment after the other; zero where the motion tells.
+    pub usual: Vec<f64>,
 }
 
 /// Information that holds a constant, 1/m² and 1/rad².
@@ -48,8 +52,8 @@ const SCALES: [f64; 5] = [0.3, 1.0, 1.0, 0.01, 0.1];
 const CENTER_SCALE: f64 = 0.1;
 const AXIS_SCALE: f64 = 0.3;
 const SKIN_SCALES: [f64; 2] = [0.1, 0.03];
-/// Rows of one joint at most: centre, hinge from both sides, both axes.
-const ROWS: usize = 12;
+/// Rows of one joint at most: centre, hinge from both sides, both axes, posture.
+const ROWS: usize = 15;
 
 impl Problem<'_> {
     /// With the gauge and the centres of `start`.
@@ -64,6 +68,8 @@ impl Problem<'_> {
             held: None,
             drives: vec![0.0; moments.len() * model.skins.len()],
             rests: vec![0.0; moments.len()],
+            postures: vec![[Vector3::zeros(); 2]; model.joints.len()],
+            usual: vec![0.0; moments.len() * model.joints.len()],
         }
     }
 
@@ -109,6 +115,13 @@ impl Problem<'_> {
                         let e = flat(&imu::residual(&link.pre, &here[s], &after[s], model.gravity));
                         cost += 0.5 * whitened(&link.whitening, &e).iter().map(|v| v * v).sum::<f64>();
                     }
+                }
+            }
+            for (j, joint) in model.joints.iter().enumerate() {
+                let usual = self.usual[k * model.joints.len() + j];
+                if usual > 0.0 {
+                    let [a, b] = joint.sensors.map(|s| &here[s]);
+                    cost += 0.5 * usual * axes_agree::residual(a, b, &self.postures[j]).norm_squared();
                 }
             }
             let mut sum = 0.0;
@@ -389,6 +402,15 @@ impl Problem<'_> {
                     rows.put(side, TURN, &(white * both.turns[side] * [a, b][side].turn.transpose()));
                     rows.put_pair(model.axis_at(j, side), &(white * both.axes[side]));
                 }
+            }
+        }
+        let usual = self.usual[k * model.joints.len() + j];
+        if usual > 0.0 {
+            let both = axes_agree::linearised(a, b, &self.postures[j]);
+            let scale = ComplexField::sqrt(usual);
+            rows.open(&(both.residual * scale));
+            for side in 0..2 {
+                rows.put(side, TURN, &(both.turns[side] * [a, b][side].turn.transpose() * scale));
             }
         }
         rows.add_to(band, k, [ia, ib], s, tri);
