@@ -14,7 +14,7 @@ from imufast.errors import InputError, SettingsError
 from imufast.frames import segment_frame
 from imufast.imu import Imu, Recording
 from imufast.quaternion import matrix
-from imufast.simulate import LegTissue, LowerBodySimulation, simulate_lower_body
+from imufast.simulate import BodyMotion, LegTissue, LowerBodySimulation, simulate_lower_body
 from numpy.typing import NDArray
 
 SIDES = ("right", "left")
@@ -89,14 +89,44 @@ def test_relative_orientations_are_those_of_the_sensors(
         assert np.degrees(np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0))).max() < 3.0
 
 
-def test_ankles_and_knees_alone_leave_the_hips_open_and_say_so() -> None:
-    truth = simulate_lower_body("ankles_and_knees", seed=1, duration_s=45.0, **WORN)
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 10))])
+def test_ankles_and_knees_alone_leave_the_hips_open_and_say_so(seed: int) -> None:
+    truth = simulate_lower_body("ankles_and_knees", seed=seed, duration_s=45.0, **WORN)
     found = estimate_lower_body(truth.recording, truth.placement)
     assert found.status is BodyStatus.CONVERGED
     assert not any(found.joints[f"hip_{side}"].determined for side in SIDES)
     assert "hip_right" in found.why[-1]
     for side in SIDES:
-        assert rms(error(found, truth, "knee", side))[0] < 1.5
+        off, std = error(found, truth, "knee", side), found.knee_std_deg[side]
+        assert rms(off)[0] < 1.5
+        assert (np.abs(off) < 2.0 * std).mean() > 0.9
+
+
+@pytest.mark.parametrize("seed", [3, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 1, 2, 4))])
+def test_who_only_sits_is_told_from_who_stands(seed: int) -> None:
+    truth = simulate_lower_body("seated", seed=seed, duration_s=45.0, rate_hz=50.0, **WORN)
+    found = estimate_lower_body(truth.recording, truth.placement)
+    assert any("only sits" in why for why in found.why)
+    assert not any(found.joints[f"hip_{side}"].determined for side in SIDES)
+    for side in SIDES:
+        assert rms(error(found, truth, "knee", side))[0] < 6.0
+        for kind in ("knee", "ankle"):
+            off, std = error(found, truth, kind, side), getattr(found, f"{kind}_std_deg")[side]
+            assert (np.abs(off) < 2.0 * std).mean() > 0.9
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_thighs_that_never_move_may_stand_or_lie(seed: int) -> None:
+    seated = BodyMotion("seated", duration_s=25.0, sway_m=0.0)
+    truth = simulate_lower_body(seated, seed=seed, rate_hz=50.0, **WORN)
+    found = estimate_lower_body(truth.recording, truth.placement, settings=LowerBodySettings(max_iterations=40))
+    assert found.status is BodyStatus.NOT_OBSERVABLE
+    assert any("stands or sits is open" in why for why in found.why)
+    assert not any(joint.determined for joint in found.joints.values())
+    for side in SIDES:
+        for kind in ("hip", "knee"):
+            off = (error(found, truth, kind, side) + 180.0) % 360.0 - 180.0
+            assert (np.abs(off) < 2.0 * getattr(found, f"{kind}_std_deg")[side]).mean() > 0.7
 
 
 @pytest.mark.slow

@@ -162,6 +162,35 @@ def test_who_sits_between_two_breaks_faces_as_before(recording: Recording, body:
     for side in SIDES:
         off = found.hip_angles_deg[side][:, 0] - body.hip_angles_deg[side][whole, 0]
         assert float(np.abs(off).max()) < 10.0
+    # How the thighs are turned is open then, and said to be: neither is it read from how the body drifts about.
+    resting = (found.time_s > 13.0) & (found.time_s < 38.0)
+    for side in SIDES:
+        assert any(why.startswith(f"hip_{side}") and "open from 12 to 38 s" in why for why in found.why)
+        off = (found.hip_angles_deg[side] - body.hip_angles_deg[side][whole])[resting]
+        assert float(np.abs(off).max()) < 25.0
+        assert (np.abs(off) < 2.0 * found.hip_std_deg[side][resting]).all()
+
+
+def test_who_is_seen_to_sit_down_and_sits_has_knees(recording: Recording, body: LowerBody) -> None:
+    found = estimate_lower_body(recording.between(5.0, 40.0), PLACEMENT)
+    assert found.status is BodyStatus.CONVERGED
+    assert any("only sits" in why for why in found.why)
+    rows = np.searchsorted(body.time_s, found.time_s - 1e-9)
+    for side in SIDES:
+        for kind in ("knee", "hip"):
+            off = getattr(found, f"{kind}_angles_deg")[side] - getattr(body, f"{kind}_angles_deg")[side][rows]
+            assert (np.abs(off) < 2.0 * getattr(found, f"{kind}_std_deg")[side]).mean() > 0.9
+
+
+def test_who_is_hardly_seen_to_move_is_not_said_to_stand(recording: Recording, body: LowerBody) -> None:
+    """The second half of sitting down and a long rest: thighs that lie, next to nothing of which way they point."""
+    found = estimate_lower_body(recording.between(10.0, 40.0), PLACEMENT)
+    assert found.status is BodyStatus.NOT_OBSERVABLE
+    assert any("stands or sits is open" in why for why in found.why)
+    rows = np.searchsorted(body.time_s, found.time_s - 1e-9)
+    for side in SIDES:
+        off = found.knee_angles_deg[side] - body.knee_angles_deg[side][rows]
+        assert (np.abs(off[:, 0]) < 2.0 * found.knee_std_deg[side][:, 0]).mean() > 0.9
 
 
 def test_who_only_walks_is_found(recording: Recording) -> None:

@@ -495,4 +495,8 @@ class BodyProblem:
         covariance: bool,
         watch: Callable[[int, float, float, float], object] | None = None,
         held: NDArray[np.float64] | None = None,
+        beforehand: NDArray[np.float64] | None = None,
+        rests: NDArray[np.float64] | None = None,
+        postures: NDArray[np.float64] | None = None,
+        usual: NDArray[np.float64] | None = None,
     ) -> BodyFit: ...

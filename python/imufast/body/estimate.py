@@ -99,7 +99,8 @@ def estimate_lower_body(
         found = at_samples(found, recording)
     if still:
         return _unseen(found, [*why, f"the subject stands still: no sensor turns faster than {STILL:g} rad/s"])
-    hips = {name: joint.in_sensors[0] for name, joint in found.joints.items() if name.startswith("hip")}
+    # What the motion leaves open faces as the search began.
+    hips = {n: joint.in_sensors[0] for n, joint in found.joints.items() if n.startswith("hip") and joint.turn_determined}
     swapped += legs_swapped(placed, found.q, hips, found.knee_axis)
     status = BodyStatus.PLACEMENT_CONTRADICTED if swapped else found.status
     return replace(found, status=status, why=(*swapped, *why, *found.why), placement=dict(placed.placed))

@@ -12,7 +12,7 @@ from imufast.body.problem import center_std_m
 from imufast.body.residuals import residuals
 from imufast.body.result import UNSEEN_DEG, BodyJoint, BodyStatus, LowerBody
 from imufast.body.solve import Ask, Solved
-from imufast.body.stance import Rests
+from imufast.body.stance import STEEP_DEG, Rests
 from imufast.frames import STANDING_STD_DEG, spanned, turns_by
 from imufast.quaternion import from_matrix, matrix, multiply
 from imufast.track import UNKNOWN_DEG
@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 OPEN_M = 0.03
 """Likewise a joint centre of which a direction is less certain than this, m."""
+OPEN_S = 1.0
+"""A heading that is open for so long is named, s."""
 APART = 3.0
 """Sensors that see their joint apart by so many times what was expected, rms, contradict each other."""
 UPRIGHT_DEG = STANDING_STD_DEG
@@ -30,7 +32,8 @@ UPRIGHT_DEG = STANDING_STD_DEG
 LEANING_DEG = 10.0
 """...or, where nobody stood still, on average over all of the motion."""
 BENT_DEG = 25.0
-"""A thigh or shank without both its joint centres then: who walks has his knees bent by 25 on average, who sits by more."""
+"""A thigh or shank without both its joint centres then: who walks has his knees bent by 25 on average, who sits by more. And
+the pelvis of who only sits, which tilts back, and his feet, which may hang."""
 BENT_RAD = 0.5
 """A leg is bent by so much more or less than on average, where its frames are found, rad: so far skin turns its sensors."""
 UNLIKELY = 5.0
@@ -44,12 +47,14 @@ class Reading:
         layout, fit, settings = ask.layout, solved.fit, ask.settings
         self.recording, self.start, self.rows, self.fit = solved.recording, solved.start, solved.rows, fit
         self.layout, self.anthropometry, self.turned, start = layout, ask.anthropometry, matrix(fit.q), solved.start
-        self.settings = settings
+        self.settings, self.shares = settings, solved.shares
         self.measured = set(frames(layout, fit.centers, fit.axes, start.up))
         self.frames = self.all_frames() if known is None else known
         self.turns = self.turns_of_frames()
         bones = [name.replace("femur", "thigh").replace("tibia", "shank") for name in layout.bones()]
         self.boneless = [s for s in layout.segments if s.startswith(("thigh", "shank")) and s not in bones]
+        self.leans = self.all_leans()
+        self.stood = start.stood and max(self.leans.values(), default=0.0) <= UNSEEN_DEG
         self.loose = self.all_loose()
 
     def read(self, history: Array, why: list[str]) -> LowerBody:
@@ -65,15 +70,23 @@ class Reading:
                 angles[kind][side] = angles_deg(kind, side, relative)
                 stds[kind][side] = self.bands(name)
             joints[name] = self.joint(name)
-        if not self.start.stood:
+        if unsure := [s for s, lean in self.leans.items() if lean > UNSEEN_DEG]:
+            lean = max(self.leans[s] for s in unsure)
+            points = f"{' and '.join(unsure)} may lean by {lean:.0f} degrees more or less"
+            why.append(f"whether the subject stands or sits is open: {points}")
+        elif not self.start.stood:
             zero = [s for s in layout.segments if s in self.boneless or s.startswith(("pelvis", "foot"))]
             if zero:
-                why.append(f"the subject never stands still: the zero of {', '.join(zero)} is the average posture")
+                does = "only sits" if self.start.sat else "never stands still"
+                why.append(f"the subject {does}: the zero of {', '.join(zero)} is an average posture")
         undetermined = [name for name, joint in joints.items() if not joint.determined]
         if undetermined:
             why.append(f"the motion leaves open: {', '.join(undetermined)}")
+        for name, joint in joints.items():
+            if joint.turn_determined and (spans := self.open_spans(joint.heading_std_deg)):
+                why.append(f"{name}: how its segments are turned against each other is open {spans}")
         status = BodyStatus(fit.status)
-        if status is BodyStatus.CONVERGED and not any(joint.turn_determined for joint in joints.values()):
+        if status is not BodyStatus.NUMERICAL_ERROR and not any(joint.determined for joint in joints.values()):
             status = BodyStatus.NOT_OBSERVABLE
         lengths = {name: self.length(*ends) for name, ends in layout.bones().items()}
         for name, (length, _) in lengths.items():
@@ -120,6 +133,14 @@ class Reading:
             settings=self.settings,
         )
 
+    def open_spans(self, heading_deg: Array) -> str:
+        """In words, when a heading is open for `OPEN_S` at least; empty where it never is."""
+        time_s = self.recording.time_s[self.rows]
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], heading_deg > UNSEEN_DEG, [False]])))
+        spans = [(time_s[a], time_s[b - 1]) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+        told = [f"from {start:.0f} to {stop:.0f} s" for start, stop in spans if stop - start >= OPEN_S]
+        return ", ".join([*told[:3], f"and {len(told) - 3} times more"] if len(told) > 3 else told)
+
     def all_frames(self) -> dict[int, Array]:
         """Sensor to (3, 3), segment to sensor, of all that have a neighbour whose frame is known."""
         found = frames(self.layout, self.fit.centers, self.fit.axes, self.start.up)
@@ -138,6 +159,15 @@ class Reading:
                     found[open_] = spanned("proximal", self.start.up[open_], "right", weight @ across[:, :, 0]).T
         return found
 
+    def all_leans(self) -> dict[str, float]:
+        """Thigh to the standard deviation of how far it leans ahead, of those both of whose ends are known, degrees."""
+        covariance, found = self.fit.constants_covariance, {}
+        for k, segment in enumerate(self.layout.segments):
+            if segment.startswith("thigh") and f"femur_{segment.removeprefix('thigh_')}" in self.layout.bones():
+                variance = np.inf if covariance is None else float(self.turns[k][2] @ covariance @ self.turns[k][2])
+                found[segment] = float(np.degrees(np.sqrt(max(variance, 0.0))))
+        return found
+
     def all_loose(self) -> dict[int, Array]:
         """Sensor to (3,): variance about X, Y and Z of its segment of how that may be turned against its frame, rad²."""
         settled = (BENT_RAD * self.settings.soft_tissue_deg) ** 2 * np.ones(3)
@@ -152,7 +182,7 @@ class Reading:
                 about_front, about_up = np.degrees(1.0) ** 2 * np.array([np.mean(up**2), np.mean(front**2)])
                 for k in (upper, lower):
                     found[k] += np.array([about_front, about_up, min(about_front, about_up)])
-        lean = UPRIGHT_DEG if self.start.stood else LEANING_DEG
+        lean = UPRIGHT_DEG if self.stood else BENT_DEG if self.start.sat else LEANING_DEG
         for k, segment in enumerate(self.layout.segments):
             if segment == "pelvis" and k in self.measured:
                 found[k][2] += lean**2  # the hips show the rest
@@ -160,7 +190,10 @@ class Reading:
                 found[k] += lean**2
             elif segment in self.boneless:
                 # The knee's axis shows how it is turned about its length.
-                found[k][[0, 2]] += (lean if self.start.stood else BENT_DEG) ** 2
+                found[k][[0, 2]] += (lean if self.stood else BENT_DEG) ** 2
+            elif self.leans.get(segment, 0.0) > UNSEEN_DEG:
+                # It lies or stands, and which way the knee bends is open: linear bands say of it what the start says.
+                found[k] += STEEP_DEG**2
         return {k: np.radians(1.0) ** 2 * variance for k, variance in enumerate(found)}
 
     def standing(self) -> Rows:
@@ -275,10 +308,10 @@ class Reading:
             why.append(f"heading {drift_deg:.0f} degrees off what its two sensors alone say")
         if shown > OPEN_M:
             why.append(f"centre certain to {1e3 * shown:.0f} mm only")
-        apart = float(np.sqrt(fit.joint_squares[:, j, 0].mean() / 3.0))
+        stated_m = center_std_m(name.partition("_")[0], self.settings)
+        apart = float(self.shares[j] * np.sqrt(fit.joint_squares[:, j, 0].mean() / 3.0))
         if apart > APART:
-            expected_m = center_std_m(name.partition("_")[0], self.settings)
-            why.append(f"its two sensors see it {100.0 * apart * expected_m:.0f} cm apart: they contradict each other")
+            why.append(f"its two sensors see it {100.0 * apart * stated_m:.0f} cm apart: they contradict each other")
         return BodyJoint(
             in_sensors=fit.centers[j],
             in_sensors_std=center_std,

@@ -27,7 +27,7 @@ class BodyStatus(str, Enum):
     MAX_ITERATIONS = "MAX_ITERATIONS"
     """The iterations ran out before the minimum."""
     NOT_OBSERVABLE = "NOT_OBSERVABLE"
-    """The motion shows at no joint how its segments are turned against each other."""
+    """The motion determines none of the joints."""
     NUMERICAL_ERROR = "NUMERICAL_ERROR"
     """The numbers overflow; are they in the right unit?"""
     PLACEMENT_CONTRADICTED = "PLACEMENT_CONTRADICTED"

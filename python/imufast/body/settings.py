@@ -85,8 +85,9 @@ class LowerBodySettings(Checked):
         gyr_walk, acc_walk: random walk of the biases, rad/s/√s and m/s²/√s; defaults 2e-5 and 2e-4.
         gyr_bias_std, acc_bias_std: of each bias channel around what `track` finds, rad/s and m/s²; defaults 0.005 and 0.1.
         hip_std_m, knee_std_m, ankle_std_m: how far apart the sensors on either side may see a joint, m: soft tissue that does
-            not follow the flexion in proportion. Defaults 0.03, 0.013, 0.01. These and the next two are of residuals 0.1 s
-            apart, whatever `key_step_s`.
+            not follow the flexion in proportion. Defaults 0.03, 0.013, 0.01. Where a recording sees a joint less far apart than
+            that while it moves, as much less is taken, down to half. These and the next two are of residuals 0.1 s apart,
+            whatever `key_step_s`.
         hinge_std: rate of a knee across its axis, rad/s; default 0.5.
         axes_std_deg: how far the knee's axis in the shank may stand off that in the thigh, degrees; None: not asked, as the
             paper does. Default 7.
@@ -94,6 +95,8 @@ class LowerBodySettings(Checked):
             its bone and shift it per radian of flexion of knee and hip. It moves the joints' centres in the sensors, which are
             estimated so; angles stay those of the sensors, and half of this, degrees and m, widens their bands: a leg is
             bent by half a radian more or less than on average. Defaults 3 and 0.01; both 0: sensors sit on bone.
+        rest_acc_std: how much the first sensor, the pelvis's, is accelerated where no sensor turns faster than 0.3 rad/s, along
+            each axis, m/s²; inf: not asked, as the paper does. Default 0.3: in sitting and standing much less, by its sway.
         center_std_m: joint centres around what `track` finds, m; default 0.1.
         tail: degrees of freedom of Student's t for joints and hinges; inf: Gaussian. Default 5.
         max_iterations: linear systems to solve. Default 120: ten to forty where the motion shows all headings, up to a hundred
@@ -123,6 +126,7 @@ class LowerBodySettings(Checked):
     axes_std_deg: float | None = 7.0
     soft_tissue_deg: float = 3.0
     soft_tissue_m: float = 0.01
+    rest_acc_std: float = 0.3
     center_std_m: float = 0.1
     tail: float = 5.0
     max_iterations: int = 120
@@ -146,6 +150,7 @@ class LowerBodySettings(Checked):
             "axes_std_deg": (0.1, 90.0),
             "soft_tissue_deg": (0.0, 90.0),
             "soft_tissue_m": (0.0, 1.0),
+            "rest_acc_std": (1e-3, math.inf),
             "center_std_m": (1e-3, math.inf),
             "tail": (1.0, math.inf),
             "window_s": (5.0, math.inf),

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from imufast import _core
 from imufast.body.anatomy import positions
+from imufast.body.firmness import firmness
 from imufast.body.layout import Layout
-from imufast.body.problem import problem
+from imufast.body.problem import problem, rest_information, usual_postures
 from imufast.body.settings import Anthropometry, LowerBodySettings
-from imufast.body.stance import Rests, signed
+from imufast.body.stance import Rests, resting, signed
 from imufast.body.start import BodyStart
 from imufast.body.tissue import Tissue, skins
 from imufast.imu import Recording
@@ -23,6 +24,8 @@ __all__ = ["Ask", "Progress", "Solved", "solve"]
 Array = NDArray[np.float64]
 Progress = Callable[[int, float, float, float, str], object]
 STATE = ("q", "velocity", "position", "gyr_bias", "acc_bias", "centers", "axes", "skins")
+EARLY = 1.0
+"""A first search ends where a step promises less, in log-likelihood: by then joints are seen as far apart as at the end."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,7 @@ class Solved:
         rows: (K,) the samples of its moments.
         fit: what it found.
         tissue: what moves the sensors on their bones.
+        shares: (J,) share of the stated standard deviations of joint centres that was taken.
         history: (T, 5) of its linear systems.
         why: what the reader should know.
     """
@@ -54,6 +58,7 @@ class Solved:
     rows: NDArray[np.intp]
     fit: _core.BodyFit
     tissue: Tissue
+    shares: Array
     history: Array
     why: tuple[str, ...]
 
@@ -72,7 +77,7 @@ def solve(recording: Recording, ask: Ask, start: BodyStart, stage: str, held: So
     """
     placed, how = ask.layout, ask.settings
     moved = skins(placed, how)
-    graph = problem(recording, placed, ask.anthropometry, how, start.biases, moved)
+    graph = problem(recording, placed, ask.anthropometry, how, start.biases, moved, None if held is None else held.shares)
     rows = graph.samples.astype(np.intp)
     q = np.ascontiguousarray(start.q[rows])
     if held is None:
@@ -94,37 +99,65 @@ def solve(recording: Recording, ask: Ask, start: BodyStart, stage: str, held: So
         "axes": axes,
         "skins": still,
     }
-    covariance = None if held is None else held.fit.constants_covariance
     driven = tissue.drives(q, axes)
-    fit = _search(graph, state, driven, ask, stage, covariance)
-    why: list[str] = []
-    history = [fit.trials]
+    quiet = rest_information(resting(recording, placed, rows), how.key_step_s, how)
+    held_by = (quiet, *usual_postures(placed, start.postures, rows))
+    history, why = np.zeros((0, 5)), []
     if held is None:
+        # What the joints' standard deviations are, and which way axes point, a search that ends early tells as well.
+        fit = _search(graph, state, (driven, *held_by), ask, stage, history, beforehand=centers, early=True)
+        history = fit.trials
+        state = {name: getattr(fit, name) for name in STATE}
         again = signed(placed, fit.q, fit.centers, fit.axes, start.up, rests)
         if not np.array_equal(again, fit.axes):
             # An axis that pointed to the left has pushed the knee's centre aside: search once more.
-            state = {name: getattr(fit, name) for name in STATE} | {"axes": again, "skins": still}
+            state |= {"axes": again, "skins": still}
             driven = tissue.drives(fit.q, again)
-            fit = _search(graph, state, driven, ask, stage, None)
-            history.append(fit.trials)
+            fit = _search(graph, state, (driven, *held_by), ask, stage, history, beforehand=centers, early=True)
+            history = np.concatenate([history, fit.trials])
+            state = {name: getattr(fit, name) for name in STATE}
             why.append("a knee's axis was turned round and the search repeated")
+        shares = firmness(placed, graph, fit, how)
+        graph = problem(recording, placed, ask.anthropometry, how, start.biases, moved, shares)
+    else:
+        shares = held.shares
+    covariance = None if held is None else held.fit.constants_covariance
+    fit = _search(graph, state, (driven, *held_by), ask, stage, history, beforehand=centers, held=covariance)
+    history = np.concatenate([history, fit.trials])
+    if held is None:
         start.stand(Rests(recording, placed, fit.acc_bias.mean(axis=0)), fit)
-    return Solved(recording, start, rows, fit, tissue, np.concatenate(history), tuple(why))
+    return Solved(recording, start, rows, fit, tissue, shares, history, tuple(why))
 
 
 def _search(
-    graph: _core.BodyProblem, state: dict[str, Array], driven: Array, ask: Ask, stage: str, covariance: Array | None
+    graph: _core.BodyProblem,
+    state: dict[str, Array],
+    moved: tuple[Array, ...],
+    ask: Ask,
+    stage: str,
+    history: Array,
+    *,
+    beforehand: Array,
+    held: Array | None = None,
+    early: bool = False,
 ) -> _core.BodyFit:
+    """What is left of a search after the systems in `history`.
+
+    `moved`: angles that move the skins, information on where nothing moves, usual postures. `early`: it may end early, and
+    tells nothing of how uncertain it is.
+    """
     q, velocity, position, gyr_bias, acc_bias, centers, axes, still = (
         np.ascontiguousarray(state[name], dtype=np.float64) for name in STATE
     )
-    descent = (ask.settings.max_iterations, ask.settings.tolerance, 1e-3)
+    tolerance = max(ask.settings.tolerance, EARLY) if early else ask.settings.tolerance
+    descent = (max(ask.settings.max_iterations - len(history), 0), tolerance, 1e-3)
     progress, watch = ask.progress, None
     if progress is not None:
 
         def watch(iteration: int, cost: float, promised: float, damping: float) -> None:
-            progress(iteration, cost, promised, damping, stage)
+            progress(len(history) + iteration, cost, promised, damping, stage)
 
-    held = None if covariance is None else np.ascontiguousarray(covariance)
-    parts = (q, velocity, position, gyr_bias, acc_bias, centers, axes, still, np.ascontiguousarray(driven))
-    return graph.minimise(*parts, descent, True, watch, held)
+    constants = None if held is None else np.ascontiguousarray(held)
+    driven, *known = (np.ascontiguousarray(part) for part in moved)
+    parts = (q, velocity, position, gyr_bias, acc_bias, centers, axes, still, driven)
+    return graph.minimise(*parts, descent, not early, watch, constants, np.ascontiguousarray(beforehand), *known)

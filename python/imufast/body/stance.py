@@ -15,7 +15,7 @@ from imufast.body.layout import SIDES, Layout
 from imufast.imu import BREAK_STEPS, Recording
 from imufast.quaternion import matrix
 
-__all__ = ["STILL", "Rests", "signed"]
+__all__ = ["STILL", "Rests", "resting", "signed"]
 
 Array = NDArray[np.float64]
 STILL = 0.3
@@ -58,7 +58,7 @@ class Rests:
             centers, axes: (J, 2, 3) joint centres, m, and knee axes, pointing to the right.
             up: (S, 3) about what is upwards in each sensor, for the frames of what has no bone.
         """
-        stands = np.ones(len(self.spans), dtype=bool)
+        stands = self.all
         if not self.spans:
             return stands
         known, bones = frames(self.layout, centers, axes, up), self.layout.bones()
@@ -69,7 +69,26 @@ class Rests:
                 stands &= bent < bent.min() + STRAIGHT_DEG
                 if f"femur_{side}" in bones:
                     stands &= np.abs(thigh) < STEEP_DEG
-        return stands & (self._lengths() @ stands >= self.enough)
+        return stands & self.long_enough(stands)
+
+    def sitting(self, centers: Array, axes: Array, up: Array) -> bool:
+        """Whether the subject sits for long enough: its thighs, those both of whose ends are known, lie. Arguments as of
+        `standing`."""
+        thighs = [k for k, s in enumerate(self.layout.segments) if f"femur_{s.removeprefix('thigh_')}" in self.layout.bones()]
+        if not (self.spans and thighs):
+            return False
+        known = frames(self.layout, centers, axes, up)
+        lies = np.all([np.abs(_lean_deg(self.felt[:, k], known[k])) > STEEP_DEG for k in thighs], axis=0)
+        return self.long_enough(lies)
+
+    @property
+    def all(self) -> NDArray[np.bool_]:
+        """(P,) all of them."""
+        return np.ones(len(self.spans), dtype=bool)
+
+    def long_enough(self, of: NDArray[np.bool_]) -> bool:
+        """Whether some rests (P,) make up a second."""
+        return bool(self._lengths() @ of >= self.enough)
 
     def up(self, of: NDArray[np.bool_]) -> Array:
         """(S, 3) what is upwards in each sensor, on average over some rests (P,), not none."""
@@ -86,6 +105,13 @@ class Rests:
 
     def _lengths(self) -> Array:
         return np.array([stop - start for start, stop in self.spans], dtype=np.float64)
+
+
+def resting(recording: Recording, layout: Layout, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """(K,) whether all sensors are quiet from each of the moments at `rows` to the next; of the last one: at it."""
+    fast = np.max([(recording[name].gyr ** 2).sum(axis=1) for name in layout.placed.values()], axis=0) >= STILL**2
+    still: NDArray[np.bool_] = np.add.reduceat(fast, rows) == 0
+    return still
 
 
 def signed(layout: Layout, q: Array, centers: Array, axes: Array, up: Array, rests: Rests) -> Array:

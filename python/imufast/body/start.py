@@ -25,6 +25,8 @@ TILT_S = 10.0
 
 ALONE = Smoother(most_parts=1)
 """How two sensors are tracked: a start need not know how far parts of it differ."""
+TOLD = 3.0
+"""A bone that is as long as so many of its standard deviations has a direction."""
 OPEN_DEG = 30.0
 """Two sensors whose turn against each other is less certain than this do not show it."""
 
@@ -79,8 +81,11 @@ class BodyStart:
         joints: joint to what its two sensors alone say.
         biases: (S, 2, 3) gyroscope and accelerometer biases, rad/s and m/s²: the mean of what the joints of a sensor say.
         q: (N, S, 4) sensors to the world, from the root down.
+        postures: hip or ankle to directions (2, 3) in both its sensors that usually agree, where the motion shows them, and to
+            (N,) in which of the stretches between breaks, by number from 1 on, it does not show them; else 0.
         up: (S, 3) what is upwards in each sensor at rest, else on average; after `stand` while the subject stands.
         stood: whether it is known to stand still for a second.
+        sat: whether it never does, but rests on a chair for as long.
     """
 
     def __init__(self, recording: Recording, layout: Layout, before: BodyStart | None = None) -> None:
@@ -96,6 +101,7 @@ class BodyStart:
                 total[sensor] += self.joints[name].biases[side]
                 count[sensor] += 1.0
         self.biases: Array = total / np.maximum(count, 1.0)
+        self.postures: dict[str, tuple[Array, NDArray[np.intp]]] = {}
         self.q = np.empty((len(recording.time_s), len(imus), 4))
         self.q[:, 0] = _upright(imus[0], self.biases[0, 0])
         for name, (upper, lower) in layout.joints.items():
@@ -104,8 +110,9 @@ class BodyStart:
         if before is not None:
             self.up: Array = before.up
             self.stood: bool = before.stood
+            self.sat: bool = before.sat
             return
-        self.stood = False
+        self.stood = self.sat = False
         quiet = np.max([np.linalg.norm(imu.gyr, axis=1) for imu in imus], axis=0) < STILL
         self.up = self._mean_up(quiet if quiet.sum() >= recording.rate_hz else np.ones(len(quiet), dtype=bool))
 
@@ -129,16 +136,24 @@ class BodyStart:
             other = upper if kind == "hip" else lower
             usual = rotate(conjugate(self.q[certain, other]), pair[0][certain]).mean(axis=0)
             pair.insert(0 if kind == "hip" else 1, right(other, usual))
+            axes = [usual if axis is None else axis for axis in known]
+            self.postures[name] = (
+                np.stack([axis / max(np.linalg.norm(axis), 1e-9) for axis in axes]),
+                np.zeros(len(certain), int),
+            )
         breaks = np.flatnonzero(np.diff(recording.time_s) > BREAK_STEPS / recording.rate_hz) + 1
-        for rows in np.split(np.arange(len(certain)), breaks):
+        for number, rows in enumerate(np.split(np.arange(len(certain)), breaks), start=1):
             if not certain[rows].any():
+                if name in self.postures:
+                    self.postures[name][1][rows] = number
                 high, low = ((axis[rows, :2] @ [1.0, 1.0j]).sum() for axis in pair)
                 half = 0.5 * np.angle(high * np.conj(low))
                 about_z = np.broadcast_to([np.cos(half), 0.0, 0.0, np.sin(half)], (len(rows), 4))
                 self.q[rows, lower] = multiply(about_z, self.q[rows, lower])
 
     def stand(self, rests: Rests, fit: _core.BodyFit) -> None:
-        """Take the uprights from those rests in which the subject stands; where it never does, from all of the motion.
+        """Take the uprights from those rests in which the subject stands; where it never does, from all of the motion, but of
+        feet from all rests, in which they are on the floor or hang.
 
         Args:
             rests: of this recording or of one that it is a part of.
@@ -146,7 +161,14 @@ class BodyStart:
         """
         standing = rests.standing(fit.centers, fit.axes, self.up)
         self.stood = bool(standing.any())
-        self.up = rests.up(standing) if self.stood else self._mean_up(np.ones(len(self.q), dtype=bool))
+        self.sat = not self.stood and rests.sitting(fit.centers, fit.axes, self.up)
+        if self.stood:
+            self.up = rests.up(standing)
+            return
+        self.up = self._mean_up(np.ones(len(self.q), dtype=bool))
+        if rests.long_enough(rests.all):
+            feet = [segment.startswith("foot") for segment in self.layout.segments]
+            self.up[feet] = rests.up(rests.all)[feet]
 
     def _mean_up(self, rows: NDArray[np.bool_]) -> Array:
         up = matrix(self.q[rows])[:, :, 2, :].mean(axis=0)
@@ -154,7 +176,8 @@ class BodyStart:
         return unit
 
     def constants(self, anthropometry: Anthropometry) -> tuple[Array, Array]:
-        """Joint centres and axes; a bone of an impossible length is replaced by the usual one along the upright."""
+        """Joint centres and axes; a bone of an impossible length is replaced by the usual one in its direction, where that is
+        known: little motion draws centres towards their sensors, so that who sits has short thighs. Else along the upright."""
         centers = np.stack([self.joints[name].centers for name in self.layout.names])
         axes = np.stack([self.joints[name].axes for name in self.layout.names])
         a = anthropometry
@@ -166,9 +189,20 @@ class BodyStart:
             length = float(np.linalg.norm(centers[high] - centers[low]))
             if not 0.6 * mean < length < 1.5 * mean:
                 sensor = self.layout.joints[self.layout.names[high[0]]][high[1]]
+                bone, along = centers[high] - centers[low], self.up[sensor]
+                variance = sum(bone @ self._center_covariance(*end) @ bone for end in (high, low))
+                if length > 1e-3 and length**4 > TOLD**2 * variance:
+                    along = bone / length
                 middle = 0.5 * (centers[high] + centers[low]) if length > 1e-3 else np.zeros(3)
-                centers[high], centers[low] = middle + 0.5 * mean * self.up[sensor], middle - 0.5 * mean * self.up[sensor]
+                centers[high], centers[low] = middle + 0.5 * mean * along, middle - 0.5 * mean * along
         return centers, axes
+
+    def _center_covariance(self, joint: int, side: int) -> Array:
+        """(3, 3) of a joint's centre as one of its two sensors says, m²."""
+        center = self.joints[self.layout.names[joint]].rel.calibration.center
+        if center is None:
+            return np.diag(np.full(3, np.inf))
+        return center.covariance[3 * side : 3 * side + 3, 3 * side : 3 * side + 3]
 
 
 def _axes_from(rel: RelativeOrientation, upper: Imu, lower: Imu) -> Array:

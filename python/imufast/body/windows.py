@@ -232,7 +232,7 @@ def _joined(bodies: list[LowerBody], known: Solved) -> LowerBody:
     ]
     if failed:
         why.append(f"the search did not converge in {len(failed)} of {len(windows)} windows: see `windows`")
-    if status is BodyStatus.CONVERGED and not any(joint.turn_determined for joint in joints.values()):
+    if status is BodyStatus.CONVERGED and not any(joint.determined for joint in joints.values()):
         status = BodyStatus.NOT_OBSERVABLE
     history = np.concatenate([known.history, *(body.history for body in bodies)])
     return replace(

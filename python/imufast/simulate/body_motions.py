@@ -23,7 +23,7 @@ from .signals import Signal, random_band
 
 __all__ = ["BodyMotion", "exercises", "named_body_motion"]
 
-KINDS = ("profile", "ankles_and_knees", "walking", "sit_to_stand", "standing")
+KINDS = ("profile", "ankles_and_knees", "seated", "walking", "sit_to_stand", "standing")
 Program = Callable[[FloatArray], Tree]
 Rng = Callable[[str], np.random.Generator]
 ANGLES = tuple(f"{name}_{side}" for side in SIDES for name in ("hip0", "hip1", "hip2", "knee", "ankle0", "ankle1", "ankle2"))
@@ -36,8 +36,9 @@ class BodyMotion(MotionBase):
 
     Attributes:
         kind: "profile" (section 3.2 of the paper: ankles, knees, hips and trunk, one after the other, three times each where
-            `duration_s` allows, then standing); "ankles_and_knees" (its first half only: the hips hardly move); "walking" (with
-            feet that stand still on the ground, along a bend); "sit_to_stand" (both feet on the ground); "standing".
+            `duration_s` allows, then standing); "ankles_and_knees" (its first half only: the hips hardly move); "seated" (the
+            same on a chair: knees stretch, feet hang); "walking" (with feet that stand still on the ground, along a bend);
+            "sit_to_stand" (both feet on the ground); "standing".
         label: what `LowerBodySimulation.motion` says at its samples, and part of what its random draws depend on; None: the
             kind.
         duration_s: length of the whole motion, s.
@@ -115,6 +116,8 @@ LEG_EXERCISES = (
     (("knee", 1.6),),
     (("hip flexion", 1.5), ("hip adduction", 1.4), ("hip turn", 1.2)),
 )
+SEATED = {"tilt": 15.0, "hip0": 85.0, "knee": 80.0}
+"""Degrees by which the pelvis tilts back and the joints are bent on a chair."""
 TRUNK_EXERCISES = (("bend", 3.5), ("twist", 3.0), ("side", 3.0))
 
 
@@ -122,8 +125,8 @@ def _schedule(motion: BodyMotion, rng: np.random.Generator) -> list[_Exercise]:
     """The exercises one after the other, as often as there is time for, at most three times each."""
     if motion.kind == "standing":
         return []
-    groups = LEG_EXERCISES[:2] if motion.kind == "ankles_and_knees" else LEG_EXERCISES
-    trunk = () if motion.kind == "ankles_and_knees" else TRUNK_EXERCISES
+    half = motion.kind in ("ankles_and_knees", "seated")
+    groups, trunk = (LEG_EXERCISES[:2], ()) if half else (LEG_EXERCISES, TRUNK_EXERCISES)
     rest, begin = 0.5, 2.0
     once = 2 * sum(period for group in groups for _, period in group)
     fixed = begin + 2 * rest * len(groups) + sum(period for _, period in trunk) + rest
@@ -142,7 +145,8 @@ def _schedule(motion: BodyMotion, rng: np.random.Generator) -> list[_Exercise]:
 
 
 def exercises(motion: BodyMotion, rng: Rng, anatomy: Anatomy) -> Program:
-    """Standing on one leg while the other does what it is asked, and then on both."""
+    """Standing on one leg while the other does what it is asked, and then on both; or on a chair, where the pelvis rests."""
+    seated = motion.kind == "seated"
     plan = _schedule(motion, rng("plan"))
     sway_rms = DEG * 20.0 * motion.sway_m
     sways = {
@@ -157,10 +161,14 @@ def exercises(motion: BodyMotion, rng: Rng, anatomy: Anatomy) -> Program:
         at = {name: Jet.of(sways[name].at(time_s)) * begun for name in sways}
         at["heading"] = at["heading"] + heading
         for side in SIDES:
-            at[f"knee_{side}"] = at[f"knee_{side}"] + 4.0 * DEG
+            at[f"knee_{side}"] = at[f"knee_{side}"] + (SEATED["knee"] if seated else 4.0) * DEG
+            at[f"hip0_{side}"] = at[f"hip0_{side}"] + (SEATED["hip0"] if seated else 0.0) * DEG
+        at["tilt"] = at["tilt"] + (SEATED["tilt"] if seated else 0.0) * DEG
 
         def add(name: str, degrees: float, shape: Jet) -> None:
-            at[name] = at[name] + shape * (degrees * DEG * motion.size)
+            # On a chair thighs stay where they are and knees stretch.
+            share = {"hip": 0.0, "kne": -0.7}.get(name[:3], 1.0) if seated else 1.0
+            at[name] = at[name] + shape * (share * degrees * DEG * motion.size)
 
         for e in plan:
             _exercise(e, time_s, add)
@@ -182,6 +190,8 @@ def exercises(motion: BodyMotion, rng: Rng, anatomy: Anatomy) -> Program:
             for side in SIDES
         }
         floating = Tree.grown(anatomy, pelvis, Jet.constant(np.zeros(3), n), legs)
+        if seated:
+            return floating
         # The pelvis is where the standing leg puts it; weight goes over to the other leg between exercises.
         on_left = Jet.constant(np.array(0.5), n)
         share = 0.5

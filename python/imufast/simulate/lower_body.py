@@ -136,8 +136,8 @@ def simulate_lower_body(
     random draws of all others alone.
 
     Args:
-        motion: a kind of `BodyMotion` ("profile", "ankles_and_knees", "walking", "sit_to_stand", "standing"), a `BodyMotion`,
-            or a sequence of these; default "profile".
+        motion: a kind of `BodyMotion` ("profile", "ankles_and_knees", "seated", "walking", "sit_to_stand", "standing"), a
+            `BodyMotion`, or a sequence of these; default "profile".
         duration_s: length of each motion given by name, s; default 60. With `time_s` and one motion: as long as that asks for.
         transition_s: unrecorded time between motions, s; default 1. At 0 the pose jumps from one sample to the next.
         rate_hz: sampling rate, Hz; default 100.

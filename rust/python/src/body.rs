@@ -175,8 +175,15 @@ impl BodyProblem {
 
     /// The most probable state from a start: `q` (K, S, 4), `velocity`, `position`, `gyr_bias`, `acc_bias` (K, S, 3), `centers`,
     /// `axes` (J, 2, 3), `skins` (T, 2, 3). `drives` (K, T, 1) are the
-    /// angles that move the skins, rad. `held` (C, C), where given, is the covariance of constants that stay as they are. `watch`, where given, is called with (trial, cost, promised, damping) and may raise to stop.
-    #[pyo3(signature = (q, velocity, position, gyr_bias, acc_bias, centers, axes, skins, drives, descent, covariance, watch=None, held=None))]
+    /// angles that move the skins, rad. `held` (C, C), where given, is the covariance of constants that stay as they are; `beforehand`,
+    /// likewise, the joint centres around which centres are expected, else `centers`; `rests` (K, 1, 1) where the body rests the
+    /// information that the first sensor moves as fast at the next moment, 1/(m/s)²; `postures` (J, 2, 3) directions in both
+    /// sensors of each joint that usually agree, and `usual` (K, J, 1) the information that they do, 1/rad². `watch`, where given, is called with
+    /// (trial, cost, promised, damping) and may raise to stop.
+    #[pyo3(signature = (
+        q, velocity, position, gyr_bias, acc_bias, centers, axes, skins, drives, descent, covariance, watch=None, held=None,
+        beforehand=None, rests=None, postures=None, usual=None
+    ))]
     #[expect(clippy::too_many_arguments, reason = "one call from one place in Python, all by position")]
     fn minimise(
         &self,
@@ -194,6 +201,10 @@ impl BodyProblem {
         covariance: bool,
         watch: Option<Py<PyAny>>,
         held: Option<PyReadonlyArray2<'_, f64>>,
+        beforehand: Option<PyReadonlyArray3<'_, f64>>,
+        rests: Option<PyReadonlyArray3<'_, f64>>,
+        postures: Option<PyReadonlyArray3<'_, f64>>,
+        usual: Option<PyReadonlyArray3<'_, f64>>,
     ) -> PyResult<BodyFit> {
         let (moments, sensors, joints) = (self.moments.len(), self.model.sensors, self.model.joints.len());
         let turned = flat(&q, [moments, sensors, 4], "q")?.as_chunks::<4>().0;
@@ -211,9 +222,13 @@ impl BodyProblem {
             )
         };
         let (centers, mut axes) = (pairs(&centers, joints, "centers")?, pairs(&axes, joints, "axes")?);
+        let beforehand = beforehand.as_ref().map(|array| pairs(array, joints, "beforehand")).transpose()?;
         let count = self.model.skins.len();
         let skins = pairs(&skins, count, "skins")?;
         let drives = flat(&drives, [moments, count, 1], "drives")?;
+        let rests = rests.as_ref().map(|array| flat(array, [moments, 1, 1], "rests")).transpose()?;
+        let postures = postures.as_ref().map(|array| pairs(array, joints, "postures")).transpose()?;
+        let usual = usual.as_ref().map(|array| flat(array, [moments, joints, 1], "usual")).transpose()?;
         for axis in axes.iter_mut().flatten() {
             *axis = axis.try_normalize(1e-9).ok_or_else(|| PyValueError::new_err("axes must not be zero"))?;
         }
@@ -254,7 +269,15 @@ impl BodyProblem {
         let (end, known, squares) = py.detach(|| {
             let mut problem = Problem::new(&self.model, &self.moments, &start);
             problem.held = held;
+            problem.centers = beforehand.unwrap_or(problem.centers);
             problem.drives.copy_from_slice(drives);
+            if let Some(rests) = rests {
+                problem.rests.copy_from_slice(rests);
+            }
+            if let (Some(postures), Some(usual)) = (postures, usual) {
+                problem.postures = postures;
+                problem.usual.copy_from_slice(usual);
+            }
             let mut number = 0;
             let mut told = |trial: &Trial| {
                 number += 1;

@@ -32,6 +32,13 @@ pub struct Problem<'a> {
     pub held: Option<Vec<f64>>,
     /// Angle that moves each skin, moment by moment, rad.
     pub drives: Vec<f64>,
+    /// Where the body rests: information that the velocity of the first sensor is the same at a moment and the next, 1/(m/s)²,
+    /// moment by moment; zero elsewhere, and without effect where no samples lead to the next.
+    pub rests: Vec<f64>,
+    /// Directions in both sensors of each joint that usually agree.
+    pub postures: Vec<[Vector3<f64>; 2]>,
+    /// Information that they do, 1/rad², joint by joint at one moment after the other; zero where the motion tells.
+    pub usual: Vec<f64>,
 }
 
 /// Information that holds a constant, 1/m² and 1/rad².
@@ -45,8 +52,8 @@ const SCALES: [f64; 5] = [0.3, 1.0, 1.0, 0.01, 0.1];
 const CENTER_SCALE: f64 = 0.1;
 const AXIS_SCALE: f64 = 0.3;
 const SKIN_SCALES: [f64; 2] = [0.1, 0.03];
-/// Rows of one joint at most: centre, hinge from both sides, both axes.
-const ROWS: usize = 12;
+/// Rows of one joint at most: centre, hinge from both sides, both axes, posture.
+const ROWS: usize = 15;
 
 impl Problem<'_> {
     /// With the gauge and the centres of `start`.
@@ -60,6 +67,9 @@ impl Problem<'_> {
             gauges: begin.map(|k| (k, Gauge::of(&start.motions[k * sensors]))).collect(),
             held: None,
             drives: vec![0.0; moments.len() * model.skins.len()],
+            rests: vec![0.0; moments.len()],
+            postures: vec![[Vector3::zeros(); 2]; model.joints.len()],
+            usual: vec![0.0; moments.len() * model.joints.len()],
         }
     }
 
@@ -96,6 +106,7 @@ impl Problem<'_> {
         for k in 0..self.moments.len() {
             let here = &state.motions[k * sensors..];
             if let Some(after) = state.motions.get((k + 1) * sensors..(k + 2) * sensors) {
+                cost += 0.5 * self.rest(k) * (after[0].velocity - here[0].velocity).norm_squared();
                 for s in 0..sensors {
                     let [gyr, acc] = self.walk_weights(k);
                     cost += 0.5 * gyr * (after[s].gyr_bias - here[s].gyr_bias).norm_squared();
@@ -104,6 +115,13 @@ impl Problem<'_> {
                         let e = flat(&imu::residual(&link.pre, &here[s], &after[s], model.gravity));
                         cost += 0.5 * whitened(&link.whitening, &e).iter().map(|v| v * v).sum::<f64>();
                     }
+                }
+            }
+            for (j, joint) in model.joints.iter().enumerate() {
+                let usual = self.usual[k * model.joints.len() + j];
+                if usual > 0.0 {
+                    let [a, b] = joint.sensors.map(|s| &here[s]);
+                    cost += 0.5 * usual * axes_agree::residual(a, b, &self.postures[j]).norm_squared();
                 }
             }
             let mut sum = 0.0;
@@ -130,6 +148,11 @@ impl Problem<'_> {
         let noise = &self.model.noise;
         let span = self.moments.moments[k].span_s.max(1e-9);
         [1.0 / (noise.gyr_walk * noise.gyr_walk * span), 1.0 / (noise.acc_walk * noise.acc_walk * span)]
+    }
+
+    /// Information of the first sensor's step of velocity from moment k to the next.
+    fn rest(&self, k: usize) -> f64 {
+        if self.moments.moments[k].linked { self.rests[k] } else { 0.0 }
     }
 
     /// Squares of the white residuals at `state`: of each sensor's dynamics (nine numbers) from each moment to the next, zero
@@ -242,6 +265,7 @@ impl Problem<'_> {
                 for (at, weight, step) in [
                     (GYR_BIAS, walk[0], after[i].gyr_bias - here[i].gyr_bias),
                     (ACC_BIAS, walk[1], after[i].acc_bias - here[i].acc_bias),
+                    (VELOCITY, if i == 0 { self.rest(k) } else { 0.0 }, after[i].velocity - here[i].velocity),
                 ] {
                     for c in 0..3 {
                         let a = at + c;
@@ -378,6 +402,15 @@ impl Problem<'_> {
                     rows.put(side, TURN, &(white * both.turns[side] * [a, b][side].turn.transpose()));
                     rows.put_pair(model.axis_at(j, side), &(white * both.axes[side]));
                 }
+            }
+        }
+        let usual = self.usual[k * model.joints.len() + j];
+        if usual > 0.0 {
+            let both = axes_agree::linearised(a, b, &self.postures[j]);
+            let scale = ComplexField::sqrt(usual);
+            rows.open(&(both.residual * scale));
+            for side in 0..2 {
+                rows.put(side, TURN, &(both.turns[side] * [a, b][side].turn.transpose() * scale));
             }
         }
         rows.add_to(band, k, [ia, ib], s, tri);

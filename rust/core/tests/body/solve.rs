@@ -196,6 +196,9 @@ fn the_system_is_the_gradient_of_the_cost_and_the_step_solves_it() {
         start.skins = vec![[Vector3::zeros(); 2]; 3];
         let mut problem = Problem::new(&model, &moments, &start);
         problem.drives.iter_mut().for_each(|angle| *angle = random.normal());
+        problem.rests.iter_mut().for_each(|rest| *rest = 1e4 * random.uniform());
+        problem.usual.iter_mut().for_each(|usual| *usual = 30.0 * random.uniform());
+        problem.postures.iter_mut().for_each(|pair| *pair = [random.direction(), random.direction()]);
         // Away from where gauge and priors are zero.
         let count = moments.len() * 3;
         let shake: Vec<f64> = (0..count * N).map(|_| 0.002 * random.normal()).collect();
