@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from imufast.body.checks import alive, legs_swapped, misplaced, stands_still, without_islands
+from imufast.body.checks import alive, legs_swapped, misplaced, stands_still, too_broken, without_islands
 from imufast.body.layout import layout
 from imufast.body.reading import Reading
 from imufast.body.result import BodyJoint, BodyStatus, LowerBody, together
@@ -91,6 +91,8 @@ def estimate_lower_body(
     still = stands_still(recording, placed)
     pieces = excerpt(recording, list(placed.placed.values()), how)
     swapped = [] if still else misplaced(pieces or recording, placed)
+    if not still and too_broken(pieces or recording, placed):
+        why.append("gaps leave too few samples in a row to check the placement and the sensors' clocks")
     # One that sits elsewhere fits its neighbours no better by being in step with them.
     late = {} if still or swapped else out_of_step(recording, placed)
     why += [_late(segment, placed.placed[segment], behind_s) for segment, behind_s in late.items()]
@@ -100,7 +102,8 @@ def estimate_lower_body(
     if still:
         return _unseen(found, [*why, f"the subject stands still: no sensor turns faster than {STILL:g} rad/s"])
     hips = {name: joint.in_sensors[0] for name, joint in found.joints.items() if name.startswith("hip")}
-    swapped += legs_swapped(placed, found.q, hips, found.knee_axis)
+    doubt_deg = {name: float(np.median(found.joints[name].heading_std_deg)) for name in hips}
+    swapped += legs_swapped(placed, found.q, hips, found.knee_axis, doubt_deg)
     status = BodyStatus.PLACEMENT_CONTRADICTED if swapped else found.status
     return replace(found, status=status, why=(*swapped, *why, *found.why), placement=dict(placed.placed))
 

@@ -311,6 +311,45 @@ mod tests {
     }
 
     #[test]
+    fn a_cubic_is_integrated_exactly_however_its_samples_lie() {
+        let time_s = [0.0, 0.013, 0.1, 0.11, 0.16, 0.4];
+        let curve = |t: f64| [1.0 - 2.0 * t + 3.0 * t * t - 40.0 * t * t * t, t, t * t];
+        let integral = |t: f64| t - t * t + t * t * t - 10.0 * t * t * t * t;
+        let rows: Vec<Xyz> = time_s.iter().map(|t| curve(*t)).collect();
+        let readings = readings(&time_s, &rows);
+        for n in 1..4 {
+            let found: f64 = cubic(&readings, n, (0, 6)).into_iter().flatten().zip(n - 1..).map(|(w, k)| w * rows[k][0]).sum();
+            let expected = (integral(time_s[n + 1]) - integral(time_s[n])) / (time_s[n + 1] - time_s[n]);
+            assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+        }
+        // Nothing reaches out of a stretch.
+        assert!(cubic(&readings, 0, (0, 6)).is_none() && cubic(&readings, 4, (0, 6)).is_none());
+        assert!(cubic(&readings, 2, (2, 6)).is_none() && cubic(&readings, 2, (0, 4)).is_none());
+    }
+
+    #[test]
+    fn a_gap_costs_no_less_than_what_is_missed_in_it() {
+        // A leg that swings once and a half a second, from 100 samples a second of which eight in a row are lost somewhere.
+        let swing = |t: f64| [4.0 * ComplexField::sin(9.0 * t), 3.0 * ComplexField::cos(9.0 * t), ComplexField::sin(18.0 * t)];
+        let whole: Vec<f64> = (0..1000).map(|n| 0.01 * f64::from(n)).collect();
+        let (mut squares, mut count) = (0.0, 0);
+        for lost in (100..900).step_by(7) {
+            let time_s: Vec<f64> = whole[..lost].iter().chain(&whole[lost + 8..]).copied().collect();
+            let rows: Vec<Xyz> = time_s.iter().map(|t| swing(*t)).collect();
+            let readings = readings(&time_s, &rows);
+            let weights = cubic(&readings, lost - 1, (0, rows.len())).into_iter().flatten();
+            let found: Vector3<f64> = weights.zip(&rows[lost - 2..]).map(|(w, row)| vector(row) * w).sum();
+            let exact: Vector3<f64> =
+                (0..900).map(|k| Vector3::from(swing(time_s[lost - 1] + 1e-4 * (f64::from(k) + 0.5)))).sum::<Vector3<f64>>() / 900.0;
+            // What `integrate` takes for its spread.
+            let stated = slope_rms(&readings, &rows) * 0.09 / 8.0;
+            squares += (found - exact).norm_squared() / (3.0 * stated * stated);
+            count += 1;
+        }
+        assert!(squares / f64::from(count) < 1.0, "{}", squares / f64::from(count));
+    }
+
+    #[test]
     fn few_samples_give_the_motion_between_them() {
         // A leg that swings and twists, twice a second, by 25 samples a second and by 2000.
         let swing = |t: f64| {
