@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from imufast.errors import SettingsError
 from imufast.settings import Checked, check_number
@@ -17,6 +17,9 @@ PAIRS = ("femur_m", "tibia_m", "hips_m", "femur_axis_deg", "tibia_axis_deg")
 class Anthropometry:
     """Lengths and angles of a subject, as (mean, standard deviation); defaults are those of McGrath & Stirling 2020.
 
+    Lengths that are left at their defaults follow those that are told, in proportion, as uncertain as these and half the
+    population's spread make them: a femur of 0.30 m is a child's, whose tibia is not an adult's.
+
     Args:
         femur_m: hip to knee, m; default (0.394, 0.030), Table 2 (ANSUR II).
         tibia_m: knee to ankle, m; default (0.411, 0.026).
@@ -25,8 +28,8 @@ class Anthropometry:
             (84, 2.4), Table 1 (Hollister 1993). The left leg is its mirror image, 180 less that.
         tibia_axis_deg: with the right tibia from ankle to knee, degrees; default (92, 1.2).
         femur_difference_m, tibia_difference_m: standard deviation of right against left, m; default 0.008 and 0.006 (2.2.7).
-        limits: whether lengths beyond those of nearly everybody are pushed back (eq. 14: femur 0.326 to 0.480, tibia 0.344 to
-            0.479, hips up to 0.409 m); default True. Turn it off for children.
+        limits: whether lengths beyond those of nearly every adult are pushed back (eq. 14: femur 0.326 to 0.480, tibia 0.344
+            to 0.479, hips up to 0.409 m); default True. Never where the lengths told are more than 15 % off an adult's.
 
     Raises:
         SettingsError: a value that is no pair of numbers in range; the message names it.
@@ -54,6 +57,23 @@ class Anthropometry:
             object.__setattr__(self, name, check_number(name, getattr(self, name), 1e-4, 1e3))
         if not isinstance(self.limits, bool):
             raise SettingsError(f"limits must be True or False, got {self.limits!r}")
+        self._in_proportion()
+
+    def _in_proportion(self) -> None:
+        """Sets the lengths that are not told."""
+        told = {name: getattr(self, name) for name, usual in USUAL_M.items() if getattr(self, name) != usual}
+        if not told:
+            return
+        sizes = [mean / USUAL_M[name][0] for name, (mean, _) in told.items()]
+        # People of one size differ by half the population's spread.
+        weights = [USUAL_M[name][0] ** 2 / (std**2 + (0.5 * USUAL_M[name][1]) ** 2) for name, (_, std) in told.items()]
+        size = sum(size * weight for size, weight in zip(sizes, weights, strict=True)) / sum(weights)
+        for name, (usual, spread) in USUAL_M.items():
+            if name not in told:
+                std = math.hypot(0.5 * spread, usual / math.sqrt(sum(weights)))
+                # A length that is told as next to unknown makes no other less certain than the population's.
+                object.__setattr__(self, name, (size * usual, min(std, spread + usual * abs(size - 1.0))))
+        object.__setattr__(self, "limits", self.limits and all(ADULT[0] < size < ADULT[1] for size in sizes))
 
     @classmethod
     def of_height(cls, height_m: float) -> Anthropometry:
@@ -65,9 +85,12 @@ class Anthropometry:
         scale = check_number("height_m", height_m, 0.8, 2.5) / MEAN_HEIGHT_M
         usual = cls()
         femur, tibia, hips = ((scale * mean, 0.5 * std) for mean, std in (usual.femur_m, usual.tibia_m, usual.hips_m))
-        return cls(femur_m=femur, tibia_m=tibia, hips_m=hips, limits=0.85 < scale < 1.15)
+        return cls(femur_m=femur, tibia_m=tibia, hips_m=hips)
 
 
+USUAL_M = {field.name: field.default for field in fields(Anthropometry) if field.name in ("femur_m", "tibia_m", "hips_m")}
+ADULT = (0.85, 1.15)
+"""Sizes between which the limits hold, of the usual one."""
 MEAN_HEIGHT_M = 1.69
 """Of the population of Table 2 (ANSUR II, both sexes alike)."""
 

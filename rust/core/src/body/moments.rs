@@ -75,6 +75,9 @@ pub struct Moments {
     pub links: Vec<Option<Link>>,
     /// Angular rate that each sensor reads at each moment, rad/s, likewise.
     pub rates: Vec<Vector3<f64>>,
+    /// Variance of one channel of each of them that no smooth motion explains, (rad/s)²: impacts and ringing straps that samples
+    /// catch at random. Their mean over the recording would hide when they come.
+    pub rate_variances: Vec<f64>,
     /// Number of sensors.
     pub sensors: usize,
     /// Biases of each sensor beforehand: gyroscope, accelerometer. Increments are made with them.
@@ -96,9 +99,19 @@ impl Moments {
             (0..sensors).map(|s| [slope_rms(readings, readings.gyr[s]), slope_rms(readings, readings.acc[s])]).collect();
         let mut links = Vec::with_capacity(moments.len() * sensors);
         let mut rates = Vec::with_capacity(moments.len() * sensors);
+        let mut rate_variances = Vec::with_capacity(moments.len() * sensors);
         for (moment, stretch) in moments.iter().zip(&stretches) {
             for s in 0..sensors {
-                rates.push(rate(readings, s, moment.sample, *stretch, spacing.rate_samples));
+                let (mean, count) = rate(readings, s, moment.sample, *stretch, spacing.rate_samples);
+                rates.push(mean);
+                rate_variances.push(match readings.sampling {
+                    Sampling::Instant => {
+                        let (from, to) =
+                            (moment.sample.saturating_sub(spacing.key_samples), moment.sample + spacing.key_samples);
+                        scatter(readings, readings.gyr[s], from, to, *stretch) / count as f64
+                    }
+                    Sampling::Interval => 0.0,
+                });
                 links.push(if moment.linked {
                     let pre = integrate(readings, s, moment.sample, *stretch, spacing, &biases[s], noise, roughness[s]);
                     let whitening = pre.whitening()?;
@@ -108,7 +121,7 @@ impl Moments {
                 });
             }
         }
-        Some(Self { moments, links, rates, sensors, biases: biases.to_vec() })
+        Some(Self { moments, links, rates, rate_variances, sensors, biases: biases.to_vec() })
     }
 
     /// Number of moments.
@@ -212,12 +225,14 @@ fn cubic(readings: &Readings<'_>, n: usize, stretch: (usize, usize)) -> Option<[
     Some([first, 1.0 - first - third - last, third, last])
 }
 
-/// Mean rate around a sample, within its stretch.
-fn rate(readings: &Readings<'_>, sensor: usize, sample: usize, stretch: (usize, usize), reach: usize) -> Vector3<f64> {
+/// Mean rate around a sample, within its stretch and not across a gap, and of how many samples.
+fn rate(readings: &Readings<'_>, sensor: usize, sample: usize, stretch: (usize, usize), reach: usize) -> (Vector3<f64>, usize) {
     let rows = readings.gyr[sensor];
     let (low, high) = match readings.sampling {
         Sampling::Instant => {
-            let reach = reach.min(sample - stretch.0).min(stretch.1 - 1 - sample);
+            let most = reach.min(sample - stretch.0).min(stretch.1 - 1 - sample);
+            let lasts_s = |reach: usize| readings.time_s[sample + reach] - readings.time_s[sample - reach];
+            let reach = (0..=most).rev().find(|n| lasts_s(*n) < (2.0 * *n as f64 + 0.5) * readings.step_s).unwrap_or(0);
             (sample - reach, sample + reach + 1)
         }
         // The sample before ends where this one begins.
@@ -226,7 +241,7 @@ fn rate(readings: &Readings<'_>, sensor: usize, sample: usize, stretch: (usize, 
             (sample - reach, sample + reach.max(1))
         }
     };
-    rows[low..high].iter().map(vector).sum::<Vector3<f64>>() / (high - low) as f64
+    (rows[low..high].iter().map(vector).sum::<Vector3<f64>>() / (high - low) as f64, high - low)
 }
 
 #[expect(clippy::too_many_arguments, reason = "one call from one place")]
@@ -340,7 +355,8 @@ mod tests {
             let weights = cubic(&readings, lost - 1, (0, rows.len())).into_iter().flatten();
             let found: Vector3<f64> = weights.zip(&rows[lost - 2..]).map(|(w, row)| vector(row) * w).sum();
             let exact: Vector3<f64> =
-                (0..900).map(|k| Vector3::from(swing(time_s[lost - 1] + 1e-4 * (f64::from(k) + 0.5)))).sum::<Vector3<f64>>() / 900.0;
+                (0..900).map(|k| Vector3::from(swing(time_s[lost - 1] + 1e-4 * (f64::from(k) + 0.5)))).sum::<Vector3<f64>>()
+                    / 900.0;
             // What `integrate` takes for its spread.
             let stated = slope_rms(&readings, &rows) * 0.09 / 8.0;
             squares += (found - exact).norm_squared() / (3.0 * stated * stated);
