@@ -122,6 +122,13 @@ def test_lost_packets_widen_bands_and_accuse_nobody(motion: str, seed: int, loss
     assert any(joint.determined for joint in found.joints.values()) == (loss == 0.1)
 
 
+@pytest.mark.parametrize(("rate_hz", "few"), [(20.0, True), (50.0, False)])
+def test_few_samples_a_second_are_said(rate_hz: float, few: bool) -> None:
+    truth = simulate_lower_body("walking", seed=1, duration_s=15.0, rate_hz=rate_hz, **WORN)
+    found = estimate_lower_body(truth.recording, truth.placement, settings=FEW)
+    assert any(why.startswith("recording has 20 samples a second: impacts") for why in found.why) == few
+
+
 def test_swapped_legs_are_found_in_a_recording_with_gaps() -> None:
     truth = simulate_lower_body("profile", seed=1, duration_s=45.0, packet_loss=0.05, burst_length=5.0)
     wrong = estimate_lower_body(truth.recording, swapped(*LEGS))

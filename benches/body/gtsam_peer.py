@@ -91,7 +91,8 @@ def problem(S: Any, noise: dict[str, Any], count: int, **more: float) -> Any:
     """Ours, of the peer's increments, made with the biases of the peer's start as the peer's are."""
     n = (count - 1) * S.kf + 1
     bias = np.stack(ourinit.orient(S)[1])
-    gyr, acc = as_the_peer_integrates(S, *(np.stack([x[g][:n] for g in SEG]) for x in (S.gyr, S.acc)), bias)
+    raw_gyr, raw_acc = (np.stack([x[g][:n] for g in SEG]) for x in (S.gyr, S.acc))
+    gyr, acc = as_the_peer_integrates(S, raw_gyr, raw_acc, bias)
     time_s = np.arange(n) * S.dt
     joints, bones, angles, differences, values = model(noise, **more)
     return _core.BodyProblem(

@@ -28,6 +28,8 @@ LEAST_S = 5.0
 """Less cannot show how a body moves, s."""
 LEAST_HZ = 10.0
 """Nor can fewer samples a second."""
+FEW_HZ = 30.0
+"""With fewer than this, what happens between the samples is told."""
 
 
 def estimate_lower_body(
@@ -88,6 +90,12 @@ def estimate_lower_body(
     recording, islands = without_islands(recording, placed, how.bridge_s)
     why += islands
     _check_length(recording, why)
+    if recording.rate_hz < FEW_HZ:
+        why.append(
+            f"recording has {recording.rate_hz:.3g} samples a second: impacts and ringing straps are faster, and look like "
+            "movement where the sensors have not low-passed before they sampled; then joints are centimetres off. Record at "
+            "50 Hz or more"
+        )
     still = stands_still(recording, placed)
     pieces = excerpt(recording, list(placed.placed.values()), how)
     swapped = [] if still else misplaced(pieces or recording, placed)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 from imufast.errors import SettingsError
 from imufast.settings import Checked, check_number
 
 __all__ = ["Anthropometry", "LowerBodySettings"]
 
+USUAL_M = {"femur_m": (0.394, 0.030), "tibia_m": (0.411, 0.026), "hips_m": (0.187, 0.009)}
+"""Lengths of the population, mean and standard deviation, m (Table 2, ANSUR II)."""
 PAIRS = ("femur_m", "tibia_m", "hips_m", "femur_axis_deg", "tibia_axis_deg")
 
 
@@ -35,9 +37,9 @@ class Anthropometry:
         SettingsError: a value that is no pair of numbers in range; the message names it.
     """
 
-    femur_m: tuple[float, float] = (0.394, 0.030)
-    tibia_m: tuple[float, float] = (0.411, 0.026)
-    hips_m: tuple[float, float] = (0.187, 0.009)
+    femur_m: tuple[float, float] = USUAL_M["femur_m"]
+    tibia_m: tuple[float, float] = USUAL_M["tibia_m"]
+    hips_m: tuple[float, float] = USUAL_M["hips_m"]
     femur_axis_deg: tuple[float, float] = (84.0, 2.4)
     tibia_axis_deg: tuple[float, float] = (92.0, 1.2)
     femur_difference_m: float = 0.008
@@ -88,7 +90,6 @@ class Anthropometry:
         return cls(femur_m=femur, tibia_m=tibia, hips_m=hips)
 
 
-USUAL_M = {field.name: field.default for field in fields(Anthropometry) if field.name in ("femur_m", "tibia_m", "hips_m")}
 ADULT = (0.85, 1.15)
 """Sizes between which the limits hold, of the usual one."""
 MEAN_HEIGHT_M = 1.69

@@ -12,6 +12,7 @@ from imufast import _core
 from imufast.body.anatomy import positions
 from imufast.body.layout import Layout
 from imufast.body.problem import problem
+from imufast.body.samples import unwound
 from imufast.body.settings import Anthropometry, LowerBodySettings
 from imufast.body.stance import Rests, signed
 from imufast.body.start import BodyStart
@@ -22,6 +23,8 @@ __all__ = ["Ask", "Progress", "Solved", "solve"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, float, float, float, str], object]
+UNWINDS = 3
+"""So often at most the search is repeated from where moments that it had turned the wrong way round are put right."""
 STATE = ("q", "velocity", "position", "gyr_bias", "acc_bias", "centers", "axes", "skins")
 
 
@@ -96,17 +99,33 @@ def solve(recording: Recording, ask: Ask, start: BodyStart, stage: str, held: So
     }
     covariance = None if held is None else held.fit.constants_covariance
     driven = tissue.drives(q, axes)
-    fit = _search(graph, state, driven, ask, stage, covariance)
+    history: list[Array] = []
+    imus = [recording[name] for name in placed.placed.values()]
+
+    def search(state: dict[str, Array], driven: Array) -> _core.BodyFit:
+        fit = _search(graph, state, driven, ask, stage, covariance)
+        history.append(fit.trials)
+        for _ in range(UNWINDS):
+            turned = np.stack([unwound(imu, fit.q[:, k], rows, how.bridge_s) for k, imu in enumerate(imus)], axis=1)
+            if np.array_equal(turned, fit.q):
+                break
+            again = {name: getattr(fit, name) for name in STATE} | {"q": turned}
+            other = _search(graph, again, driven, ask, stage, covariance)
+            history.append(other.trials)
+            if not other.cost < fit.cost:
+                break
+            fit = other
+        return fit
+
+    fit = search(state, driven)
     why: list[str] = []
-    history = [fit.trials]
     if held is None:
         again = signed(placed, fit.q, fit.centers, fit.axes, start.up, rests)
         if not np.array_equal(again, fit.axes):
             # An axis that pointed to the left has pushed the knee's centre aside: search once more.
             state = {name: getattr(fit, name) for name in STATE} | {"axes": again, "skins": still}
             driven = tissue.drives(fit.q, again)
-            fit = _search(graph, state, driven, ask, stage, None)
-            history.append(fit.trials)
+            fit = search(state, driven)
             why.append("a knee's axis was turned round and the search repeated")
         start.stand(Rests(recording, placed, fit.acc_bias.mean(axis=0)), fit)
     return Solved(recording, start, rows, fit, tissue, np.concatenate(history), tuple(why))
