@@ -102,8 +102,8 @@ class LowerBodySettings(Checked):
 
     Args:
         key_step_s: time between two moments of the estimate, s; small costs time and memory in proportion. Default 0.1.
-        bridge_s: gaps up to this length are bridged by a straight line, with the noise that costs, s; beyond, only the body's
-            constants and the biases are carried across. Default 0.3.
+        bridge_s: gaps up to this length are bridged by the cubic through the samples around them, with the noise that costs, s;
+            beyond, only the body's constants and the biases are carried across. Default 0.3.
         gyr_noise, acc_noise: white noise of the sensors, rad/s/√Hz and m/s²/√Hz; defaults 5e-4 and 5e-3 (MEMS, with what
             integration adds).
         gyr_walk, acc_walk: random walk of the biases, rad/s/√s and m/s²/√s; defaults 2e-5 and 2e-4.
@@ -111,7 +111,7 @@ class LowerBodySettings(Checked):
         hip_std_m, knee_std_m, ankle_std_m: how far apart the sensors on either side may see a joint, m: soft tissue that does
             not follow the flexion in proportion. Defaults 0.03, 0.013, 0.01. These and the next two are of residuals 0.1 s
             apart, whatever `key_step_s`.
-        hinge_std: rate of a knee across its axis, rad/s; default 0.5.
+        hinge_std: rate of a knee across its axis, rad/s, besides what the gyroscopes scatter by at that moment; default 0.5.
         axes_std_deg: how far the knee's axis in the shank may stand off that in the thigh, degrees; None: not asked, as the
             paper does. Default 7.
         soft_tissue_deg, soft_tissue_m: how far, about and along each axis, skin and straps turn a thigh's or shank's sensor on

@@ -40,7 +40,7 @@ pub struct Spacing {
     pub key_samples: usize,
     /// Angular rates at a moment are means over so many samples to either side.
     pub rate_samples: usize,
-    /// The longest gap that is bridged by a straight line, s.
+    /// The longest gap that is bridged by the cubic through the samples around it, s.
     pub bridge_s: f64,
 }
 
