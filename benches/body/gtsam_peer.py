@@ -3,7 +3,7 @@
     python benches/body/gtsam_peer.py [--duration 30] [--start peer|paper] [--seed 1]
     python benches/body/gtsam_peer.py --markdown [--part beside|paired|soft]
 
-With `--markdown` tables for docs/measured.md, in some twenty-five minutes: the peer's search runs from its own start only, since
+With `--markdown` tables for docs/measured.md, in some 25 minutes: the peer's search runs from its own start only, since
 from the paper's it takes minutes (136 iterations over 30 s).
 Needs gtsam and the peer's scripts: IMUFAST_PEERS, else ../shared/peers beside the project.
 """
