@@ -298,6 +298,28 @@ def test_the_subjects_own_lengths_are_taken() -> None:
     assert not child.limits
 
 
+def test_lengths_that_are_not_told_follow_those_that_are() -> None:
+    usual = Anthropometry()
+    child = Anthropometry(femur_m=(0.30, 0.015))
+    assert child.femur_m == (0.30, 0.015)
+    assert child.tibia_m[0] / usual.tibia_m[0] == pytest.approx(0.30 / 0.394)
+    assert child.hips_m[0] / usual.hips_m[0] == pytest.approx(0.30 / 0.394)
+    assert not child.limits
+    # About as uncertain as an adult's, of whom nothing is told; less so where more is told.
+    assert 0.8 < child.tibia_m[1] / usual.tibia_m[1] < 1.2
+    both = replace(child, tibia_m=(0.31, 0.01))
+    assert both.tibia_m == (0.31, 0.01)
+    assert both.hips_m == child.hips_m
+    assert Anthropometry(femur_m=(0.30, 0.015), tibia_m=(0.31, 0.015)).hips_m[1] < child.hips_m[1]
+    # An adult's femur leaves the limits, and one of which next to nothing is known says nothing of the others.
+    assert Anthropometry(femur_m=(0.42, 0.015)).limits
+    assert Anthropometry(femur_m=(0.394, 0.2)).tibia_m == usual.tibia_m
+    assert Anthropometry(femur_axis_deg=(80.0, 3.0)).tibia_m == usual.tibia_m
+    for height_m in (1.1, 1.69, 1.9):
+        known = Anthropometry.of_height(height_m)
+        assert replace(known, femur_m=(0.33, 0.01)).tibia_m == known.tibia_m
+
+
 @pytest.mark.parametrize(
     ("kind", "given"),
     [

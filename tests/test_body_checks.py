@@ -106,6 +106,36 @@ def test_swapped_legs_are_found_by_the_way_knees_bend(motion: str) -> None:
     assert "'thigh_left', 'shank_left', 'foot_left' are on the left leg" in wrong.why[0]
 
 
+@pytest.mark.parametrize(("motion", "seed", "loss"), [("profile", 1, 0.2), ("walking", 0, 0.05), ("profile", 1, 0.1)])
+def test_lost_packets_widen_bands_and_accuse_nobody(motion: str, seed: int, loss: float) -> None:
+    truth = simulate_lower_body(
+        motion, seed=seed, duration_s=45.0, gyr_bias=0.005, acc_bias=0.05, packet_loss=loss, burst_length=5.0
+    )
+    found = estimate_lower_body(truth.recording, truth.placement)
+    assert found.status is not BodyStatus.PLACEMENT_CONTRADICTED
+    assert "gaps leave too few samples in a row to check the placement and the sensors' clocks" in found.why
+    rows = np.searchsorted(truth.time_s, found.time_s - 1e-9)
+    for side in SIDES:
+        off = found.knee_angles_deg[side] - truth.knee_angles_deg[side][rows]
+        assert np.mean(np.abs(off) < 2.0 * found.knee_std_deg[side]) > 0.95
+    # With a fifth of each sensor's packets a fifth of the rows is left, in pieces: no joint is certain.
+    assert any(joint.determined for joint in found.joints.values()) == (loss == 0.1)
+
+
+@pytest.mark.parametrize(("rate_hz", "few"), [(20.0, True), (50.0, False)])
+def test_few_samples_a_second_are_said(rate_hz: float, few: bool) -> None:
+    truth = simulate_lower_body("walking", seed=1, duration_s=15.0, rate_hz=rate_hz, **WORN)
+    found = estimate_lower_body(truth.recording, truth.placement, settings=FEW)
+    assert any(why.startswith("recording has 20 samples a second: impacts") for why in found.why) == few
+
+
+def test_swapped_legs_are_found_in_a_recording_with_gaps() -> None:
+    truth = simulate_lower_body("profile", seed=1, duration_s=45.0, packet_loss=0.05, burst_length=5.0)
+    wrong = estimate_lower_body(truth.recording, swapped(*LEGS))
+    assert wrong.status is BodyStatus.PLACEMENT_CONTRADICTED
+    assert wrong.why[0].startswith("right and left look swapped")
+
+
 WALKER = {
     segment: segment.replace("pelvis", "hip").replace("thigh", "upper_leg").replace("shank", "lower_leg")
     for segment in SEGMENTS

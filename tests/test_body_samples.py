@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from imufast import LowerBodySimulation, estimate_lower_body, simulate_lower_body
 from imufast.body import SEGMENTS, LowerBody
+from imufast.body.samples import unwound
 from imufast.imu import Imu, Recording
 from imufast.quaternion import conjugate, exp, log, multiply
 
@@ -81,3 +82,29 @@ def test_turns_and_rotation_vectors_are_inverses() -> None:
     assert np.abs(np.linalg.norm(exp(turns), axis=1) - 1.0).max() < 1e-12
     assert np.allclose(log(exp(turns)), turns, rtol=1e-9, atol=1e-15)
     assert np.allclose(log(-exp(turns)), turns, rtol=1e-9, atol=1e-15)
+
+
+@pytest.mark.parametrize("wound", [1, 2, 3])
+def test_a_moment_turned_the_wrong_way_round_is_put_right(walk: LowerBodySimulation, wound: int) -> None:
+    at = np.arange(0, len(walk.time_s), 10)
+    imu, truth = walk.recording["shank_left"], walk.q["shank_left"][at]
+    assert unwound(imu, truth, at, 0.3) is truth
+    # Some moments take a whole turn on the way from one to the next: only the gyroscope tells.
+    wrong = truth.copy()
+    for n in range(wound):
+        angle = 2.0 * np.pi * (n + 1) / (wound + 1)
+        wrong[80 + n] = multiply(truth[80 + n], exp(angle * np.array([0.6, 0.0, 0.8])))
+    found = unwound(imu, wrong, at, 0.3)
+    assert np.degrees(np.linalg.norm(log(multiply(conjugate(truth), found)), axis=1)).max() < 1.5
+    untouched = np.r_[0:70, 93 : len(at)]
+    assert np.abs(found[untouched] - truth[untouched]).max() < 1e-12
+
+
+def test_a_turn_across_a_gap_is_nobodys_fault(walk: LowerBodySimulation) -> None:
+    kept = np.r_[0:805, 905 : len(walk.time_s)]
+    whole = walk.recording["shank_left"]
+    imu = Imu(whole.gyr[kept], whole.acc[kept], time_s=whole.time_s[kept], name="shank_left")
+    at = np.r_[0:805:10, 805 : len(kept) : 10]
+    q = walk.q["shank_left"][kept][at]
+    q[at >= 805] = multiply(np.broadcast_to(exp(np.array([[0.0, 0.0, 3.0]])), (int((at >= 805).sum()), 4)), q[at >= 805])
+    assert unwound(imu, q, at, 0.3) is q

@@ -17,7 +17,7 @@ from imufast.pairs import identical
 from imufast.plausibility import check_units, dead_channels
 from imufast.quaternion import rotate
 
-__all__ = ["Assignments", "alive", "legs_swapped", "misfit", "misplaced", "stands_still", "without_islands"]
+__all__ = ["Assignments", "alive", "legs_swapped", "misfit", "misplaced", "stands_still", "too_broken", "without_islands"]
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]
@@ -29,11 +29,16 @@ FLOOR = 0.01
 """Misfits of a joint centre are told apart down to this, m/s²: below, noise decides."""
 WORST = 10.0
 """Where there is no misfit to be had, m/s²."""
+FEWEST = 30
+"""A misfit of twelve numbers, centres and biases, says nothing of fewer instants; 5 s at 10 Hz have so many."""
 CLEAR = 1.1
 """Another placement is clearly better where the logarithms of its joints' misfits sum to so much less. With the right placement
 up to 0.9 was seen (sit-to-stand, where both feet rest alike), with a wrong one 1.3 to 20 (benches/body/placements.py)."""
-FACING = 0.5
-"""Cosine beyond which the line between the hips points along, or against, the knees' axes."""
+ACROSS_DEG, DOUBT = 90.0, 3.0
+"""The line between the hips points against a knee's axis where it is farther from it than this, degrees, by so many standard
+deviations of the hip's heading."""
+OPPOSED = -0.5
+"""The least cosine of both at which they are not opposed, however certain."""
 
 
 def alive(recording: Recording, layout: Layout) -> tuple[Recording, list[str]]:
@@ -123,10 +128,10 @@ def misplaced(recording: Recording, layout: Layout) -> list[str]:
     Two sensors share a joint where some point, as seen from both, accelerates alike at every instant (Seel et al. 2012); of all
     assignments of the sensors to the placed segments the misfits tell the best. The mirror image of a placement is as good, so
     of assignments alike those are named that are the likeliest mistakes: few sensors, other side or same leg. Sensors that do
-    not move, such as feet in sit-to-stand, are not told apart.
+    not move, such as feet in sit-to-stand, are not told apart, and nothing is where gaps leave too little (`too_broken`).
     """
     found = Assignments.of(recording, layout)
-    if found.margin < CLEAR:
+    if not found.margin >= CLEAR:
         return []
     mistakes = _mistake(layout.segments)
     effort = np.sum([mistakes[k, found.worn[:, k]] for k in range(len(layout.segments))], axis=0)
@@ -143,7 +148,7 @@ class Assignments:
 
     Attributes:
         worn: (A, S) the sensor of each segment; the first row is the placement.
-        total: (A,) sum of the logarithms of all joints' misfits.
+        total: (A,) sum of the logarithms of all joints' misfits; NaN where gaps leave too little for one.
     """
 
     worn: NDArray[np.intp]
@@ -181,33 +186,49 @@ def _told(layout: Layout, worn: NDArray[np.intp]) -> str:
     return ", ".join(f"imu {layout.placed[placed]!r}, placed on {placed}, moves as on {like}" for like, placed in moved)
 
 
-def legs_swapped(layout: Layout, q: dict[str, Array], centers: dict[str, Array], axes: dict[str, Array]) -> list[str]:
-    """A sentence, where the right hip lies on the left as the knees see it, which bend one way only; else none.
+def legs_swapped(
+    layout: Layout, q: dict[str, Array], centers: dict[str, Array], axes: dict[str, Array], heading_std_deg: dict[str, float]
+) -> list[str]:
+    """A sentence, where the right hip lies on the left as the knees see it, which bend one way only; else none. Nor is there
+    one where the motion, or what gaps have left of it, hardly shows how the thighs are turned against the pelvis.
 
     Args:
         layout: the placement.
         q: segment to (K, 4), sensor to world.
         centers: hip to (3,) as the pelvis's sensor sees it.
         axes: thigh to (3,), its knee's axis, pointing to the right.
+        heading_std_deg: hip to the standard deviation of its heading, degrees.
     """
     hips = [f"hip_{side}" for side in SIDES]
-    thighs = [f"thigh_{side}" for side in SIDES if f"thigh_{side}" in axes]
-    if not (all(hip in centers for hip in hips) and thighs):
+    seen = [side for side in SIDES if f"thigh_{side}" in axes]
+    if not (all(hip in centers for hip in hips) and seen):
         return []
     across = rotate(q["pelvis"], centers[hips[0]] - centers[hips[1]])
     across /= np.linalg.norm(across, axis=1, keepdims=True) + 1e-12
-    cosines = [float(np.median(np.einsum("ki,ki->k", across, rotate(q[thigh], axes[thigh])))) for thigh in thighs]
-    if max(cosines) > -FACING:
-        return []
+    for side in seen:
+        thigh = f"thigh_{side}"
+        cosine = float(np.median(np.einsum("ki,ki->k", across, rotate(q[thigh], axes[thigh]))))
+        beyond_deg = float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))) - ACROSS_DEG
+        if cosine > OPPOSED or not beyond_deg > DOUBT * heading_std_deg[f"hip_{side}"]:
+            return []
     sides = {side: [n for s, n in layout.placed.items() if s.endswith(side)] for side in SIDES}
     right, left = (", ".join(map(repr, sides[side])) for side in SIDES)
     return [f"right and left look swapped: by the way the knees bend, {right} are on the left leg and {left} on the right"]
 
 
+def too_broken(recording: Recording, layout: Layout) -> bool:
+    """Whether gaps leave so little in one piece that nothing says which sensors share a joint, or which is behind another."""
+    upper, lower = (recording[list(layout.placed.values())[k]] for k in next(iter(layout.joints.values())))
+    return bool(np.isnan(misfit(upper, lower)))
+
+
 def misfit(imu1: Imu, imu2: Imu) -> float:
-    """Logarithm of how far the best common point of two sensors is from accelerating alike."""
-    residual_std = estimate_joint_center(imu1, imu2, "sa").residual_std
-    return float(np.log(np.hypot(residual_std if np.isfinite(residual_std) else WORST, FLOOR)))
+    """Logarithm of how far the best common point of two sensors is from accelerating alike; NaN where that rests on fewer than
+    `FEWEST` instants."""
+    found = estimate_joint_center(imu1, imu2, "sa")
+    if found.n_samples < FEWEST:
+        return float("nan")
+    return float(np.log(np.hypot(found.residual_std if np.isfinite(found.residual_std) else WORST, FLOOR)))
 
 
 def _held(imu: Imu) -> Rows:

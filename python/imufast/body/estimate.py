@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from imufast.body.checks import alive, legs_swapped, misplaced, stands_still, without_islands
+from imufast.body.checks import alive, legs_swapped, misplaced, stands_still, too_broken, without_islands
 from imufast.body.layout import layout
 from imufast.body.reading import Reading
 from imufast.body.result import BodyJoint, BodyStatus, LowerBody, together
@@ -28,6 +28,8 @@ LEAST_S = 5.0
 """Less cannot show how a body moves, s."""
 LEAST_HZ = 10.0
 """Nor can fewer samples a second."""
+FEW_HZ = 30.0
+"""With fewer than this, what happens between the samples is told."""
 
 
 def estimate_lower_body(
@@ -88,9 +90,17 @@ def estimate_lower_body(
     recording, islands = without_islands(recording, placed, how.bridge_s)
     why += islands
     _check_length(recording, why)
+    if recording.rate_hz < FEW_HZ:
+        why.append(
+            f"recording has {recording.rate_hz:.3g} samples a second: impacts and ringing straps are faster, and look like "
+            "movement where the sensors have not low-passed before they sampled; then joints are centimetres off. Record at "
+            "50 Hz or more"
+        )
     still = stands_still(recording, placed)
     pieces = excerpt(recording, list(placed.placed.values()), how)
     swapped = [] if still else misplaced(pieces or recording, placed)
+    if not still and too_broken(pieces or recording, placed):
+        why.append("gaps leave too few samples in a row to check the placement and the sensors' clocks")
     # One that sits elsewhere fits its neighbours no better by being in step with them.
     late = {} if still or swapped else out_of_step(recording, placed)
     why += [_late(segment, placed.placed[segment], behind_s) for segment, behind_s in late.items()]
@@ -101,7 +111,8 @@ def estimate_lower_body(
         return _unseen(found, [*why, f"the subject stands still: no sensor turns faster than {STILL:g} rad/s"])
     # What the motion leaves open faces as the search began.
     hips = {n: joint.in_sensors[0] for n, joint in found.joints.items() if n.startswith("hip") and joint.turn_determined}
-    swapped += legs_swapped(placed, found.q, hips, found.knee_axis)
+    doubt_deg = {name: float(np.median(found.joints[name].heading_std_deg)) for name in hips}
+    swapped += legs_swapped(placed, found.q, hips, found.knee_axis, doubt_deg)
     status = BodyStatus.PLACEMENT_CONTRADICTED if swapped else found.status
     return replace(found, status=status, why=(*swapped, *why, *found.why), placement=dict(placed.placed))
 

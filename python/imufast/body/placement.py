@@ -97,7 +97,7 @@ class Placement:
         lengths = {name: value for name, value in self.subject.items() if name != "height_m"}
         if height is None and not lengths:
             return None
-        return replace(Anthropometry() if height is None else Anthropometry.of_height(height), **lengths)
+        return Anthropometry(**lengths) if height is None else replace(Anthropometry.of_height(height), **lengths)
 
 
 def read_placement(path: str | os.PathLike[str]) -> Placement:

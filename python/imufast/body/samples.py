@@ -14,10 +14,13 @@ from imufast.body.result import LowerBody
 from imufast.imu import Imu, Recording
 from imufast.quaternion import conjugate, exp, log, matrix, multiply
 
-__all__ = ["at_samples"]
+__all__ = ["at_samples", "unwound"]
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
+WOUND_RAD, AROUND = 0.5 * np.pi, 5
+"""No gyroscope misses a turn by more than this between two moments: the search has turned one of them the wrong way round. So
+many to either side are found anew."""
 
 
 def at_samples(body: LowerBody, recording: Recording) -> LowerBody:
@@ -77,6 +80,30 @@ def at_samples(body: LowerBody, recording: Recording) -> LowerBody:
     )
 
 
+def unwound(imu: Imu, q: Array, at: Rows, bridge_s: float) -> Array:
+    """(K, 4) the orientations of a sensor at the samples `at`; where the search has turned a moment the wrong way round, by
+    more than a quarter turn against the gyroscope, as the gyroscope has it from the moments around; else `q` itself.
+
+    An angle ends at half a turn: beyond it the cost falls again, and no small step leads back.
+    """
+    turn = _turns(imu, bridge_s)
+    product = np.tile([1.0, 0.0, 0.0, 0.0], (len(at) - 1, 1))
+    for step in range(int(np.diff(at).max(initial=0))):
+        inside = at[:-1] + step < at[1:]
+        product[inside] = multiply(product[inside], turn[at[:-1][inside] + step])
+    missed = np.linalg.norm(log(multiply(conjugate(multiply(q[:-1], product)), q[1:])), axis=1)
+    missed[np.maximum.reduceat(np.diff(imu.time_s), at[:-1]) > bridge_s] = 0.0
+    kept = np.ones(len(at), dtype=bool)
+    for k in np.flatnonzero(missed > WOUND_RAD):
+        kept[max(k + 1 - AROUND, 1) : min(k + 1 + AROUND, len(at) - 1)] = False
+    if kept.all():
+        return q
+    rows = np.arange(len(imu.time_s))
+    before = np.clip(np.searchsorted(at[kept], rows, side="right") - 1, 0, int(kept.sum()) - 2)
+    share = _share(imu.time_s, at[kept], before, bridge_s)
+    return _turned(imu, q[kept], at[kept], before, share, bridge_s)[at]
+
+
 def _share(time_s: Array, at: Rows, before: Rows, bridge_s: float) -> Array:
     """(N,) how much of the way from the moment before to the next has passed, 0 to 1; of a way across a longer gap than
     `bridge_s`, that gap is all."""
@@ -95,8 +122,7 @@ def _turned(imu: Imu, q: Array, at: Rows, before: Rows, share: Array, bridge_s: 
     From each moment on the gyroscope's turns are multiplied up (trapezoids); what they miss of the next moment, bias and noise,
     is one turn of which each sample takes its share. Nothing turns across gaps longer than `bridge_s`.
     """
-    steps = np.diff(imu.time_s)[:, None]
-    turn = exp(np.where(steps <= max(bridge_s, 1.5 / imu.rate_hz), 0.5 * (imu.gyr[1:] + imu.gyr[:-1]) * steps, 0.0))
+    turn = _turns(imu, bridge_s)
     found = np.empty((len(imu.time_s), 4))
     found[at] = q
     rows = np.arange(len(found))
@@ -114,3 +140,9 @@ def _turned(imu: Imu, q: Array, at: Rows, before: Rows, share: Array, bridge_s: 
         found[now] = multiply(found[now], exp(share[now, None] * missed[before[now]]))
     unit: Array = found / np.linalg.norm(found, axis=1, keepdims=True)
     return unit
+
+
+def _turns(imu: Imu, bridge_s: float) -> Array:
+    """(N - 1, 4) how a sensor turns from each sample to the next, by its gyroscope; not at all across longer gaps."""
+    steps = np.diff(imu.time_s)[:, None]
+    return exp(np.where(steps <= max(bridge_s, 1.5 / imu.rate_hz), 0.5 * (imu.gyr[1:] + imu.gyr[:-1]) * steps, 0.0))

@@ -10,12 +10,17 @@ from imufast.settings import Checked, check_number
 
 __all__ = ["Anthropometry", "LowerBodySettings"]
 
+USUAL_M = {"femur_m": (0.394, 0.030), "tibia_m": (0.411, 0.026), "hips_m": (0.187, 0.009)}
+"""Lengths of the population, mean and standard deviation, m (Table 2, ANSUR II)."""
 PAIRS = ("femur_m", "tibia_m", "hips_m", "femur_axis_deg", "tibia_axis_deg")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Anthropometry:
     """Lengths and angles of a subject, as (mean, standard deviation); defaults are those of McGrath & Stirling 2020.
+
+    Lengths that are left at their defaults follow those that are told, in proportion, as uncertain as these and half the
+    population's spread make them: a femur of 0.30 m is a child's, whose tibia is not an adult's.
 
     Args:
         femur_m: hip to knee, m; default (0.394, 0.030), Table 2 (ANSUR II).
@@ -25,16 +30,16 @@ class Anthropometry:
             (84, 2.4), Table 1 (Hollister 1993). The left leg is its mirror image, 180 less that.
         tibia_axis_deg: with the right tibia from ankle to knee, degrees; default (92, 1.2).
         femur_difference_m, tibia_difference_m: standard deviation of right against left, m; default 0.008 and 0.006 (2.2.7).
-        limits: whether lengths beyond those of nearly everybody are pushed back (eq. 14: femur 0.326 to 0.480, tibia 0.344 to
-            0.479, hips up to 0.409 m); default True. Turn it off for children.
+        limits: whether lengths beyond those of nearly every adult are pushed back (eq. 14: femur 0.326 to 0.480, tibia 0.344
+            to 0.479, hips up to 0.409 m); default True. Never where the lengths told are more than 15 % off an adult's.
 
     Raises:
         SettingsError: a value that is no pair of numbers in range; the message names it.
     """
 
-    femur_m: tuple[float, float] = (0.394, 0.030)
-    tibia_m: tuple[float, float] = (0.411, 0.026)
-    hips_m: tuple[float, float] = (0.187, 0.009)
+    femur_m: tuple[float, float] = USUAL_M["femur_m"]
+    tibia_m: tuple[float, float] = USUAL_M["tibia_m"]
+    hips_m: tuple[float, float] = USUAL_M["hips_m"]
     femur_axis_deg: tuple[float, float] = (84.0, 2.4)
     tibia_axis_deg: tuple[float, float] = (92.0, 1.2)
     femur_difference_m: float = 0.008
@@ -54,6 +59,23 @@ class Anthropometry:
             object.__setattr__(self, name, check_number(name, getattr(self, name), 1e-4, 1e3))
         if not isinstance(self.limits, bool):
             raise SettingsError(f"limits must be True or False, got {self.limits!r}")
+        self._in_proportion()
+
+    def _in_proportion(self) -> None:
+        """Sets the lengths that are not told."""
+        told = {name: getattr(self, name) for name, usual in USUAL_M.items() if getattr(self, name) != usual}
+        if not told:
+            return
+        sizes = [mean / USUAL_M[name][0] for name, (mean, _) in told.items()]
+        # People of one size differ by half the population's spread.
+        weights = [USUAL_M[name][0] ** 2 / (std**2 + (0.5 * USUAL_M[name][1]) ** 2) for name, (_, std) in told.items()]
+        size = sum(size * weight for size, weight in zip(sizes, weights, strict=True)) / sum(weights)
+        for name, (usual, spread) in USUAL_M.items():
+            if name not in told:
+                std = math.hypot(0.5 * spread, usual / math.sqrt(sum(weights)))
+                # A length that is told as next to unknown makes no other less certain than the population's.
+                object.__setattr__(self, name, (size * usual, min(std, spread + usual * abs(size - 1.0))))
+        object.__setattr__(self, "limits", self.limits and all(ADULT[0] < size < ADULT[1] for size in sizes))
 
     @classmethod
     def of_height(cls, height_m: float) -> Anthropometry:
@@ -65,9 +87,11 @@ class Anthropometry:
         scale = check_number("height_m", height_m, 0.8, 2.5) / MEAN_HEIGHT_M
         usual = cls()
         femur, tibia, hips = ((scale * mean, 0.5 * std) for mean, std in (usual.femur_m, usual.tibia_m, usual.hips_m))
-        return cls(femur_m=femur, tibia_m=tibia, hips_m=hips, limits=0.85 < scale < 1.15)
+        return cls(femur_m=femur, tibia_m=tibia, hips_m=hips)
 
 
+ADULT = (0.85, 1.15)
+"""Sizes between which the limits hold, of the usual one."""
 MEAN_HEIGHT_M = 1.69
 """Of the population of Table 2 (ANSUR II, both sexes alike)."""
 
@@ -78,8 +102,8 @@ class LowerBodySettings(Checked):
 
     Args:
         key_step_s: time between two moments of the estimate, s; small costs time and memory in proportion. Default 0.1.
-        bridge_s: gaps up to this length are bridged by a straight line, with the noise that costs, s; beyond, only the body's
-            constants and the biases are carried across. Default 0.3.
+        bridge_s: gaps up to this length are bridged by the cubic through the samples around them, with the noise that costs, s;
+            beyond, only the body's constants and the biases are carried across. Default 0.3.
         gyr_noise, acc_noise: white noise of the sensors, rad/s/√Hz and m/s²/√Hz; defaults 5e-4 and 5e-3 (MEMS, with what
             integration adds).
         gyr_walk, acc_walk: random walk of the biases, rad/s/√s and m/s²/√s; defaults 2e-5 and 2e-4.
@@ -88,7 +112,7 @@ class LowerBodySettings(Checked):
             not follow the flexion in proportion. Defaults 0.03, 0.013, 0.01. Where a recording sees a joint less far apart than
             that while it moves, as much less is taken, down to half. These and the next two are of residuals 0.1 s apart,
             whatever `key_step_s`.
-        hinge_std: rate of a knee across its axis, rad/s; default 0.5.
+        hinge_std: rate of a knee across its axis, rad/s, besides what the gyroscopes scatter by at that moment; default 0.5.
         axes_std_deg: how far the knee's axis in the shank may stand off that in the thigh, degrees; None: not asked, as the
             paper does. Default 7.
         soft_tissue_deg, soft_tissue_m: how far, about and along each axis, skin and straps turn a thigh's or shank's sensor on

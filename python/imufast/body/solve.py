@@ -13,6 +13,7 @@ from imufast.body.anatomy import positions
 from imufast.body.firmness import firmness
 from imufast.body.layout import Layout
 from imufast.body.problem import problem, rest_information, usual_postures
+from imufast.body.samples import unwound
 from imufast.body.settings import Anthropometry, LowerBodySettings
 from imufast.body.stance import Rests, resting, signed
 from imufast.body.start import BodyStart
@@ -23,6 +24,8 @@ __all__ = ["Ask", "Progress", "Solved", "solve"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, float, float, float, str], object]
+UNWINDS = 3
+"""So often at most the search is repeated from where moments that it had turned the wrong way round are put right."""
 STATE = ("q", "velocity", "position", "gyr_bias", "acc_bias", "centers", "axes", "skins")
 EARLY = 1.0
 """A first search ends where a step promises less, in log-likelihood: by then joints are seen as far apart as at the end."""
@@ -102,62 +105,84 @@ def solve(recording: Recording, ask: Ask, start: BodyStart, stage: str, held: So
     driven = tissue.drives(q, axes)
     quiet = rest_information(resting(recording, placed, rows), how.key_step_s, how)
     held_by = (quiet, *usual_postures(placed, start.postures, rows))
-    history, why = np.zeros((0, 5)), []
+    imus = [recording[name] for name in placed.placed.values()]
+    trials: list[Array] = []
+    why: list[str] = []
+
+    def search(state: dict[str, Array], covariance: Array | None = None, *, early: bool = False) -> _core.BodyFit:
+        """From `state` on, and again from where moments that were turned the wrong way round are put right."""
+        given = (driven, *held_by)
+        fit = _search(graph, state, given, ask, stage, trials, centers, covariance, early=early)
+        trials.append(fit.trials)
+        for _ in range(UNWINDS):
+            turned = np.stack([unwound(imu, fit.q[:, k], rows, how.bridge_s) for k, imu in enumerate(imus)], axis=1)
+            if np.array_equal(turned, fit.q):
+                break
+            again = reached(fit) | {"q": turned}
+            other = _search(graph, again, given, ask, stage, trials, centers, covariance, early=early, anew=True)
+            trials.append(other.trials)
+            if not other.cost < fit.cost:
+                break
+            fit = other
+        return fit
+
     if held is None:
         # What the joints' standard deviations are, and which way axes point, a search that ends early tells as well.
-        fit = _search(graph, state, (driven, *held_by), ask, stage, history, beforehand=centers, early=True)
-        history = fit.trials
-        state = {name: getattr(fit, name) for name in STATE}
+        fit = search(state, early=True)
+        state = reached(fit)
         again = signed(placed, fit.q, fit.centers, fit.axes, start.up, rests)
         if not np.array_equal(again, fit.axes):
             # An axis that pointed to the left has pushed the knee's centre aside: search once more.
-            state |= {"axes": again, "skins": still}
             driven = tissue.drives(fit.q, again)
-            fit = _search(graph, state, (driven, *held_by), ask, stage, history, beforehand=centers, early=True)
-            history = np.concatenate([history, fit.trials])
-            state = {name: getattr(fit, name) for name in STATE}
+            fit = search(state | {"axes": again, "skins": still}, early=True)
+            state = reached(fit)
             why.append("a knee's axis was turned round and the search repeated")
         shares = firmness(placed, graph, fit, how)
         graph = problem(recording, placed, ask.anthropometry, how, start.biases, moved, shares)
     else:
         shares = held.shares
-    covariance = None if held is None else held.fit.constants_covariance
-    fit = _search(graph, state, (driven, *held_by), ask, stage, history, beforehand=centers, held=covariance)
-    history = np.concatenate([history, fit.trials])
+    fit = search(state, None if held is None else held.fit.constants_covariance)
     if held is None:
         start.stand(Rests(recording, placed, fit.acc_bias.mean(axis=0)), fit)
-    return Solved(recording, start, rows, fit, tissue, shares, history, tuple(why))
+    return Solved(recording, start, rows, fit, tissue, shares, np.concatenate(trials), tuple(why))
+
+
+def reached(fit: _core.BodyFit) -> dict[str, Array]:
+    """The state that a search ended in, to go on from."""
+    return {name: getattr(fit, name) for name in STATE}
 
 
 def _search(
     graph: _core.BodyProblem,
     state: dict[str, Array],
-    moved: tuple[Array, ...],
+    given: tuple[Array, ...],
     ask: Ask,
     stage: str,
-    history: Array,
-    *,
+    trials: list[Array],
     beforehand: Array,
-    held: Array | None = None,
-    early: bool = False,
+    held: Array | None,
+    *,
+    early: bool,
+    anew: bool = False,
 ) -> _core.BodyFit:
-    """What is left of a search after the systems in `history`.
+    """What is left of a search after the systems in `trials`, or one of its own (`anew`).
 
-    `moved`: angles that move the skins, information on where nothing moves, usual postures. `early`: it may end early, and
+    `given`: angles that move the skins, information on where nothing moves, usual postures. `early`: it may end early, and
     tells nothing of how uncertain it is.
     """
     q, velocity, position, gyr_bias, acc_bias, centers, axes, still = (
         np.ascontiguousarray(state[name], dtype=np.float64) for name in STATE
     )
+    done = sum(map(len, trials))
     tolerance = max(ask.settings.tolerance, EARLY) if early else ask.settings.tolerance
-    descent = (max(ask.settings.max_iterations - len(history), 0), tolerance, 1e-3)
+    descent = (ask.settings.max_iterations if anew else max(ask.settings.max_iterations - done, 0), tolerance, 1e-3)
     progress, watch = ask.progress, None
     if progress is not None:
 
         def watch(iteration: int, cost: float, promised: float, damping: float) -> None:
-            progress(len(history) + iteration, cost, promised, damping, stage)
+            progress(done + iteration, cost, promised, damping, stage)
 
     constants = None if held is None else np.ascontiguousarray(held)
-    driven, *known = (np.ascontiguousarray(part) for part in moved)
+    driven, *known = (np.ascontiguousarray(part) for part in given)
     parts = (q, velocity, position, gyr_bias, acc_bias, centers, axes, still, driven)
     return graph.minimise(*parts, descent, not early, watch, constants, np.ascontiguousarray(beforehand), *known)

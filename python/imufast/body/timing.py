@@ -28,10 +28,16 @@ def out_of_step(recording: Recording, layout: Layout) -> dict[str, float]:
     At every instant the two sensors of a joint feel the same acceleration where the joint is (Seel et al. 2012), so that the
     misfit of their common point has a sharp minimum where both are in step. Sensors, alone or with all that hang on them, are
     shifted one after the other, that first whose joints gain most; a gain counts by its mean over pieces of the recording and
-    the spread between these. What rests, such as a foot in sit-to-stand, is not told.
+    the spread between these. What rests, such as a foot in sit-to-stand, is not told, and pieces full of gaps tell nothing.
     """
     rate_hz, names = recording.rate_hz, list(layout.placed.values())
-    pieces = _pieces(recording, names)
+    one, other = next(iter(layout.joints.values()))
+    pieces = [
+        (start, stop)
+        for start, stop in _pieces(recording, names)
+        # All pairs have the same gaps.
+        if not np.isnan(misfit(recording[names[one]][start:stop], recording[names[other]][start:stop]))
+    ]
     if len(pieces) < FEWEST:
         return {}
     stride = max(round(STEP_S * rate_hz), 1)
@@ -63,7 +69,7 @@ def out_of_step(recording: Recording, layout: Layout) -> dict[str, float]:
                 if turn and abs(before) <= shifts[-1]:
                     gain += [joint(name, before) - joint(name, before + turn * shift) for shift in shifts.tolist()]
         doubt = gains.std(axis=2, ddof=1) / np.sqrt(len(pieces))
-        sure = gains.mean(axis=2) - SURE * doubt
+        sure = np.nan_to_num(gains.mean(axis=2) - SURE * doubt, nan=-np.inf)
         move, best = np.unravel_index(int(np.argmax(sure)), sure.shape)
         if sure[move, best] < CLEAR:
             break

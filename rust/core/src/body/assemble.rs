@@ -10,7 +10,7 @@ use super::{
         skin::Seat,
     },
     loss::Loss,
-    model::{LIMITS, Model, Seen, Skin},
+    model::{Joint, LIMITS, Model, Seen, Skin},
     moments::Moments,
     states::{ACC_BIAS, GYR_BIAS, POSITION, State, TURN, UNKNOWNS, VELOCITY},
     tiles::{N, Row, Tile, add},
@@ -187,7 +187,7 @@ impl Problem<'_> {
             let mut terms = [Term { square: center.component_div(&Vector3::from(joint.center_std)).norm_squared() }; 4];
             let mut count = 1;
             if let Some(std) = joint.hinge_std {
-                let precision = 1.0 / self.hinge_variance(std);
+                let precision = 1.0 / self.hinge_variance(std, k, joint);
                 let axes = &state.axes[j];
                 terms[1].square = precision * hinge::residual(a, b, [rate_a, rate_b], &axes[0]).norm_squared();
                 terms[2].square = precision * hinge::residual(b, a, [rate_b, rate_a], &axes[1]).norm_squared();
@@ -201,9 +201,11 @@ impl Problem<'_> {
         }
     }
 
-    /// See [`hinge`].
-    fn hinge_variance(&self, std: f64) -> f64 {
-        std * std + 4.0 * self.model.noise.rate * self.model.noise.rate
+    /// See [`hinge`]: what the hinge leaves open at moment k, and both sensors' rates.
+    fn hinge_variance(&self, std: f64, k: usize, joint: &Joint) -> f64 {
+        let rate = self.model.noise.rate * self.model.noise.rate;
+        let rates = joint.sensors.map(|s| rate + self.moments.rate_variances[k * self.model.sensors + s]);
+        std * std + 2.0 * (rates[0] + rates[1])
     }
 
     /// Empties `band` and adds all that depends on the constants alone; nodes follow by [`Self::node`].
@@ -376,7 +378,7 @@ impl Problem<'_> {
         if let Some(std) = joint.hinge_std {
             let axes = &state.axes[j];
             let [rate_a, rate_b] = joint.sensors.map(|i| &self.moments.rates[k * s + i]);
-            let precision = 1.0 / self.hinge_variance(std);
+            let precision = 1.0 / self.hinge_variance(std, k, joint);
             for side in 0..2 {
                 let one = if side == 0 {
                     hinge::linearised(a, b, [rate_a, rate_b], &axes[0])

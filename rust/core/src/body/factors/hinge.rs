@@ -2,7 +2,8 @@
 //!
 //! `e = m − (m·r) r` with the relative rate `m = R_aᵀ R_b ω_b − ω_a` in the frame of sensor a, whose axis is r. The rates are
 //! those of the gyroscopes less their biases: the paper's rates as unknowns of their own (eq. 4) are eliminated, which leaves the
-//! same residual with the variance `σ_hinge² + 4 σ_rate²`, exact where both axes agree.
+//! same residual with the variance `σ_hinge² + 4 σ_rate²` (of two sensors that differ `σ_hinge² + 2 σ_a² + 2 σ_b²`), exact where both
+//! axes agree.
 
 use nalgebra::{Matrix3, Matrix3x2, Vector3};
 
