@@ -43,11 +43,12 @@ impl<'a, T: Real, M: Method> Passenger<'a, T, M> {
         false
     }
 
-    /// Whether nothing is going on: even time, no start, all neighbours there.
+    /// Whether nothing is going on: even time, no start, all neighbours there. Few samples a second need no haste.
     fn may_join(&self) -> bool {
         let f = &self.filter;
         let reach = f.delay_samples();
-        f.start.is_none()
+        !f.turns_by_cubics()
+            && f.start.is_none()
             && f.count == self.position as u64
             && f.done + reach == f.count
             && f.done >= f.stretch.max(f.even).max(f.unrepaired) + reach
@@ -57,10 +58,7 @@ impl<'a, T: Real, M: Method> Passenger<'a, T, M> {
 
     /// Whether both can sit side by side.
     fn suits(&self, other: &Self) -> bool {
-        let (one, two) = (&self.filter, &other.filter);
-        one.step == two.step
-            && one.settings.midpoint == two.settings.midpoint
-            && one.turns_by_cubics() == two.turns_by_cubics()
+        self.filter.step == other.filter.step && self.filter.settings.midpoint == other.filter.settings.midpoint
     }
 
     /// What became of it; its estimates begin at this row.

@@ -27,7 +27,7 @@ use super::{
     ring::{LENGTH, five_points},
     rows::{InLine, LONGEST, READ, Rows, sitting},
     state::{Moment, State, at_joint_center},
-    turns::{cubic_turn, mean},
+    turns::mean,
 };
 
 /// Groups of eight instants that are worked out at a time.
@@ -161,7 +161,6 @@ struct Constants<V> {
     r: [Vec3<V>; 2],
     tuning: Tuning<V>,
     midpoint: bool,
-    cubics: bool,
     /// Step of the stencil, samples.
     step: usize,
 }
@@ -190,7 +189,6 @@ impl<V> Constants<V> {
                 bias_var: wide(&|f| f.tuning.bias_var),
             },
             midpoint: settings.midpoint,
-            cubics: lanes[0].filter.turns_by_cubics(),
             step: *step as usize,
         }
     }
@@ -231,16 +229,11 @@ impl<V> Constants<V> {
     {
         let (gyr, step) = (6 * sensor, self.step * S);
         let now = rows.xyz(gyr, at);
-        let turn = if self.cubics {
-            let around = [rows.xyz(gyr, at - 2 * S), rows.xyz(gyr, at - S), now, rows.xyz(gyr, at + S)];
-            cubic_turn(around, self.dt)
-        } else {
-            scale(if self.midpoint { mean(rows.xyz(gyr, at - S), now) } else { now }, self.dt)
-        };
+        let rate = if self.midpoint { mean(rows.xyz(gyr, at - S), now) } else { now };
         let before = [rows.xyz(gyr, at - 2 * step), rows.xyz(gyr, at - step)];
         let after = [rows.xyz(gyr, at + step), rows.xyz(gyr, at + 2 * step)];
         let dot = five_points(before[0], before[1], after[0], after[1], self.per);
-        (turn, at_joint_center(rows.xyz(gyr + 3, at), now, dot, self.r[sensor]))
+        (scale(rate, self.dt), at_joint_center(rows.xyz(gyr + 3, at), now, dot, self.r[sensor]))
     }
 }
 

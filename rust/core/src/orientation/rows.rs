@@ -150,16 +150,15 @@ impl<'r, T: Real, const S: usize> Rows<'r, T, S> {
     /// Whether all is finite and both sensors' first channels change, which mostly says it all, and takes a third of the work.
     #[inline(always)]
     fn move_plainly<V: Eight<T>>(&self, now: usize, before: usize) -> bool {
-        let [change1, change2] = [0, 6].map(|k| {
-            let channel = &self.channels[k].0;
-            eight_at::<T, V>(channel, now) - eight_at(channel, before)
-        });
-        let moved = change1 * change2;
-        let [a, b, c] = [0, 4, 8].map(|k| {
-            let of = |k: usize| eight_at::<T, V>(&self.channels[k].0, now);
-            (of(k) + of(k + 1)) + (of(k + 2) + of(k + 3))
-        });
-        let sum = a + (b + c);
+        let mut sum = eight_at::<T, V>(&self.channels[0].0, now);
+        let mut moved = sum - eight_at(&self.channels[0].0, before);
+        for (k, channel) in self.channels.iter().enumerate().skip(1) {
+            let x = eight_at::<T, V>(&channel.0, now);
+            sum = sum + x;
+            if k == 6 {
+                moved = moved * (x - eight_at(&channel.0, before));
+            }
+        }
         let (zero, one) = (V::splat(0.0), V::splat(1.0));
         // No number is above or below itself, and infinity times zero is none.
         let sound = moved.at_least(-moved).where_above(sum * zero, one, zero);

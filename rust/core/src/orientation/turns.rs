@@ -19,7 +19,6 @@ pub(crate) fn mean<L: Lane>(a: [L; 3], b: [L; 3]) -> [L; 3] {
 
 /// The turn between the second and the third of four even samples `dt` apart, of rates that are a cubic through all four, with the
 /// first term of its coning: in `ω₁ dt` a motion's frequency counts to the fourth power, where by the mean to the second.
-#[inline(always)]
 pub(crate) fn cubic_turn<L: Lane>([before, from, to, after]: [[L; 3]; 4], dt: L) -> [L; 3] {
     let bend = sub(sub(to, before), sub(after, from));
     let straight = add(mean(from, to), scale(bend, L::splat(1.0 / 24.0)));
@@ -114,7 +113,7 @@ pub(super) fn gap_variance<T: Real>(step: &Step<T>) -> f64 {
     (std * std).min(core::f64::consts::PI * core::f64::consts::PI / 3.0)
 }
 
-/// Faster sampling gains little by cubics and pays for them, Hz.
+/// Faster sampling gains little by cubics, and they would hold it up, Hz.
 const CUBIC_BELOW_HZ: f64 = 40.0;
 /// Over a longer gap derivatives at its ends tell nothing of its middle, s.
 const LONGEST_BRIDGE_S: f64 = 0.3;
