@@ -248,7 +248,7 @@ class Recording(Mapping[str, Imu]):
                 raise InputError(f"imus: two sensors are named {name!r}; give a mapping from name to Imu")
             first = next(iter(self._imus.values()), imu)
             if imu is not first:
-                check_same_time(first, imu)
+                check_same_time(first, imu, f"imus: {first.name!r} and {imu.name!r}")
             self._imus[name] = imu._replace(name=name, time_s=first.time_s, rate_hz=first.rate_hz)
         if not self._imus:
             raise InputError("imus is empty; a recording needs at least one Imu")
@@ -326,9 +326,9 @@ def _read_only(array: Array) -> Array:
     return view
 
 
-def check_same_time(first: Imu, other: Imu) -> None:
-    """Raises InputError unless both have the same sample times, within a thousandth of a step."""
-    differ = f"imus: {first.name!r} and {other.name!r} have different time bases"
+def check_same_time(first: Imu, other: Imu, who: str) -> None:
+    """Raises InputError unless both have the same sample times, within a thousandth of a step; `who`: how it names them."""
+    differ = f"{who} have different time bases"
     advice = "align them with imufast.align([...]), or cut both to the same samples"
     if len(first) != len(other):
         raise InputError(f"{differ}: {len(first)} and {len(other)} samples; {advice}")

@@ -56,7 +56,7 @@ def check_pair(imu1: Imu, imu2: Imu, *, same_data: bool = False) -> None:
         raise InputError(
             f"imu1 has {len(imu1)} samples but imu2 has {len(imu2)}: bring them to one time base with imufast.align"
         )
-    check_same_time(imu1, imu2)
+    check_same_time(imu1, imu2, "imu1 and imu2")
     if len(imu1) < 4:
         raise InputError(f"imu1 and imu2 have {len(imu1)} samples; at least 4 are needed")
     if not same_data and identical(imu1.gyr, imu2.gyr) and imu1.gyr.any():
