@@ -6,9 +6,10 @@ Speed is that of a real recording (3D_04, 50 Hz), 15 000 samples, beside `dfjimu
 iterations) on the same arrays in the same rounds; lever arms and biases are known beforehand. Targets, times faster than
 `mekf_acc`: the complementary filter 5, 15 with eight recordings side by side, the Kalman filter 2; the smoother at most 10
 times as long as `map_acc`. `track` is the call from Python; "core" is what it calls, from arrays to arrays; "core, even" the
-same without times. Times are the least CPU times of several rounds, for the smoother medians of wall times.
+same without times. Times are the least CPU times of several rounds of 30 calls in a row,
+for the smoother medians of wall times.
 
-One sample moves 96 bytes in (12 numbers; 8 more with times) and 41 out (quaternion, std, status); the complementary filter
+One sample moves 96 bytes in (12 numbers; 8 more with times) and 40 out (quaternion and std); the complementary filter
 needs about 530 floating-point operations and 7 square roots or divisions, the Kalman filter 840 and 11, counted by hand. The
 floors are what numpy's own kernels need for as much on this core with all lanes busy; a chain of samples that wait for each
 other stays above. About a minute.
@@ -89,7 +90,7 @@ CHOICES: tuple[tuple[str, Complementary | Mekf, float | None, float | None], ...
     ("mekf, as published", Mekf.as_published(), None, None),
 )
 SPEED_HEADINGS = ("method", "call", "ns a sample", "times faster", "target", "RMSE, °")
-EIGHT, REPEATS = 8, 3
+EIGHT, REPEATS = 8, 30
 
 
 def cpu_s(calls: Sequence[Callable[[], object]], rounds: int) -> Array:
@@ -130,11 +131,11 @@ def speed(real: Real, rounds: int) -> Rows:
             return imufast.track_many([real.pair] * EIGHT, [real.calibration] * EIGHT, method)
 
         def core(asked: dict[str, Any] = asked, time_s: Array | None = real.time_s) -> object:
-            return _core.track_filter(g1, a1, g2, a2, time_s, asked, np.empty((SAMPLES, 4)), np.empty(SAMPLES))
+            return _core.track_filter(g1, a1, g2, a2, time_s, asked, np.empty((SAMPLES, 4)), np.empty(SAMPLES), 20.0)
 
         def batch(asked: dict[str, Any] = asked) -> object:
             room = np.empty((EIGHT * SAMPLES, 4)), np.empty(EIGHT * SAMPLES)
-            return _core.track_filter_batch([(g1, a1, g2, a2, None)] * EIGHT, [asked] * EIGHT, *room)
+            return _core.track_filter_batch([(g1, a1, g2, a2, None)] * EIGHT, [asked] * EIGHT, *room, 20.0)
 
         calls += [
             (name, "track", one, 1, error, whole),
@@ -159,7 +160,7 @@ def speed(real: Real, rounds: int) -> Rows:
 
 FLOPS = {"complementary": (530, 7), "mekf": (840, 11)}
 """Operations, and square roots or divisions, of one sample."""
-BYTES = 96 + 41
+BYTES = 96 + 40
 
 
 def floors() -> Rows:
@@ -331,7 +332,7 @@ def one_hour(method: Complementary | Mekf) -> list[str | None]:
     began = time.process_time()
     gyr1, acc1, gyr2, acc2 = arrays
     gyr1, acc1, gyr2, acc2 = arrays
-    _core.track_filter(gyr1, acc1, gyr2, acc2, None, asked, np.empty((samples, 4)), np.empty(samples))
+    _core.track_filter(gyr1, acc1, gyr2, acc2, None, asked, np.empty((samples, 4)), np.empty(samples), 20.0)
     core = time.process_time() - began
     errors = quaternion_errors_deg(tracked.q_12, truth)
     return [f"{took:.2f}", f"{core:.2f}", "≤ 1", f"{most:.0f}", f"{rms(errors):.2f}", f"{rms(tracked.angle_std_deg):.2f}"]

@@ -354,13 +354,15 @@ def track_filter(
     plan: dict[str, Any],
     q_12: NDArray[np.float64],
     std_deg: NDArray[np.float64],
-) -> tuple[int, list[tuple[int, int]]]: ...
+    vague_deg: float,
+) -> tuple[int, list[tuple[int, int]], int]: ...
 def track_filter_batch(
     recordings: list[_TimedArrays],
     plans: list[dict[str, Any]],
     q_12: NDArray[np.float64],
     std_deg: NDArray[np.float64],
-) -> list[tuple[int, list[tuple[int, int]]]]: ...
+    vague_deg: float,
+) -> list[tuple[int, list[tuple[int, int]], int]]: ...
 def filter_innovations(
     gyr1: NDArray[np.float64],
     acc1: NDArray[np.float64],

@@ -224,8 +224,8 @@ def plan(
     return {
         "single": settings.precision == "single",
         "rate_hz": rate,
-        "r1": [0.0, 0.0, 0.0] if center is None else (-center.in_sensor1).tolist(),
-        "r2": [0.0, 0.0, 0.0] if center is None else (-center.in_sensor2).tolist(),
+        "r1": [0.0, 0.0, 0.0] if center is None else [-x for x in center.in_sensor1.tolist()],
+        "r2": [0.0, 0.0, 0.0] if center is None else [-x for x in center.in_sensor2.tolist()],
         "gyr_bias": [calibration.gyr_bias1.tolist(), calibration.gyr_bias2.tolist()],
         "acc_bias": [calibration.acc_bias1.tolist(), calibration.acc_bias2.tolist()],
         "relative_bias_std": min(relative_std, 1.0),

@@ -165,8 +165,8 @@ def track(
     known = calibrate_joint(imu1, imu2) if calibration is None else calibration
     asked = plan(settings, known, imu1.rate_hz, start, start_std_deg, ("start", "start_std_deg"))
     q, std_deg = np.empty((len(imu1), 4)), np.empty(len(imu1))
-    restarts, starts = _core.track_filter(imu1.gyr, imu1.acc, imu2.gyr, imu2.acc, imu1._time_s, asked, q, std_deg)
-    return _filtered(imu1, q, std_deg, restarts, starts, known, settings)
+    ended = _core.track_filter(imu1.gyr, imu1.acc, imu2.gyr, imu2.acc, imu1._time_s, asked, q, std_deg, VAGUE_DEG)
+    return _filtered(imu1, q, std_deg, ended, known, settings)
 
 
 def track_many(
@@ -202,12 +202,11 @@ def track_many(
     plans = [plan(settings, calibration, imu1.rate_hz) for (imu1, _), calibration in zip(pairs, calibrations, strict=True)]
     edges = [0, *accumulate(len(imu1) for imu1, _ in pairs)]
     q, std_deg = np.empty((edges[-1], 4)), np.empty(edges[-1])
-    ended = _core.track_filter_batch([(a.gyr, a.acc, b.gyr, b.acc, a._time_s) for a, b in pairs], plans, q, std_deg)
+    signals = [(a.gyr, a.acc, b.gyr, b.acc, a._time_s) for a, b in pairs]
+    all_ended = _core.track_filter_batch(signals, plans, q, std_deg, VAGUE_DEG)
     return [
-        _filtered(imu1, q[since:to], std_deg[since:to], restarts, starts, calibration, settings)
-        for (imu1, _), calibration, (since, to), (restarts, starts) in zip(
-            pairs, calibrations, pairwise(edges), ended, strict=True
-        )
+        _filtered(imu1, q[since:to], std_deg[since:to], ended, calibration, settings)
+        for (imu1, _), calibration, (since, to), ended in zip(pairs, calibrations, pairwise(edges), all_ended, strict=True)
     ]
 
 
@@ -231,12 +230,13 @@ def _filtered(
     imu: Imu,
     q: Array,
     std_deg: Array,
-    restarts: int,
-    starts: list[tuple[int, int]],
+    ended: tuple[int, list[tuple[int, int]], int],
     calibration: JointCalibration,
     settings: Complementary | Mekf,
 ) -> RelativeOrientation:
-    """What a filter found, in arrays of our own; `starts` are the rows in which it looked for its start."""
+    """What a filter found, in arrays of our own; `ended`: how often it started anew, the rows in which it looked for a start,
+    and how many of its estimates are vague."""
+    restarts, starts, vague = ended
     q.setflags(write=False)
     std_deg.setflags(write=False)
     time_s, count = imu.time_s, len(imu)
@@ -249,10 +249,10 @@ def _filtered(
     if calibration.center is None:
         why.append("the joint centre is not known: its acceleration was taken to be that of the sensors")
         std_deg = np.maximum(std_deg, UNKNOWN_DEG)
-    elif contradicted * CONTRADICTED_S > imu.duration_s - sum(to - since for since, to in starts_s):
+    elif contradicted and contradicted * CONTRADICTED_S > imu.duration_s - sum(to - since for since, to in starts_s):
         why.append("the two sensors contradict each other again and again: soft tissue, impacts or a wrong calibration")
         std_deg = np.maximum(std_deg, UNKNOWN_DEG)
-    elif starts == [(0, count)] or 2 * int(np.count_nonzero(std_deg > VAGUE_DEG)) > count:
+    elif starts == [(0, count)] or 2 * vague > count:
         why.append("nothing shows the heading: the joint hardly accelerates sideways, or gaps are too many")
     else:
         lost = False

@@ -319,19 +319,22 @@ fn page<'a>(
     }
 }
 
-/// Of one recording: how often the filter started anew, and the rows (from, to) in which it looked for a start.
-type Ended = (u32, Vec<(usize, usize)>);
+/// Of one recording: how often the filter started anew, the rows (from, to) in which it looked for a start, and how many
+/// estimates are vaguer than asked.
+type Ended = (u32, Vec<(usize, usize)>, usize);
 
 /// Standard deviations become degrees. What a filter would pass over in silence is an error here.
-fn ended(done: Done, signals: &Signals<'_>, std: &mut [f64]) -> PyResult<Ended> {
+fn ended(done: Done, signals: &Signals<'_>, std: &mut [f64], vague_deg: f64) -> PyResult<Ended> {
     if done.rows.len() < signals.len() {
         return Err(PyValueError::new_err(signals.fault().unwrap_or("some samples could not be taken")));
     }
+    let mut vague = 0;
     for std in &mut std[done.rows] {
         // Beyond half a turn an angle says no more.
         *std = std.to_degrees().min(180.0);
+        vague += usize::from(*std > vague_deg);
     }
-    Ok((done.restarts, done.starts.into_iter().map(|s| (s.start, s.end)).collect()))
+    Ok((done.restarts, done.starts.into_iter().map(|s| (s.start, s.end)).collect(), vague))
 }
 
 fn stopped() -> PyErr {
@@ -339,6 +342,7 @@ fn stopped() -> PyErr {
 }
 
 /// A whole recording, every estimate at its own sample, written to `q_12` (N, 4) and `std_deg` (N,), whatever is in them.
+/// Those of more than `vague_deg` are counted.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)] // as Python gives them
 pub fn track_filter<'py>(
@@ -351,6 +355,7 @@ pub fn track_filter<'py>(
     plan: FilterPlan,
     mut q_12: PyReadwriteArray2<'py, f64>,
     mut std_deg: PyReadwriteArray1<'py, f64>,
+    vague_deg: f64,
 ) -> PyResult<Ended> {
     let xyz = pair([&gyr1, &acc1, &gyr2, &acc2])?;
     let [first, ..] = xyz;
@@ -375,7 +380,7 @@ pub fn track_filter<'py>(
         Kind::Mekf => go::<f64, _>(py, &settings, plan.mekf()?, &signals, page),
         Kind::MekfSingle => go::<f32, _>(py, &settings, plan.mekf()?, &signals, page),
     };
-    ended(done.ok_or_else(stopped)?, &signals, std)
+    ended(done.ok_or_else(stopped)?, &signals, std, vague_deg)
 }
 
 /// Innovations (N, 3) and their normalised squares (N,).
@@ -430,6 +435,7 @@ pub fn track_filter_batch<'py>(
     plans: Vec<FilterPlan>,
     mut q_12: PyReadwriteArray2<'py, f64>,
     mut std_deg: PyReadwriteArray1<'py, f64>,
+    vague_deg: f64,
 ) -> PyResult<Vec<Ended>> {
     let Some(first) = plans.first() else { return Ok(Vec::new()) };
     if plans.len() != recordings.len() {
@@ -453,5 +459,5 @@ pub fn track_filter_batch<'py>(
         Kind::MekfSingle => py.detach(|| run_batch::<f32, _>(mekf, &all, page, &mut go_on)),
     };
     let done = done.ok_or_else(stopped)?.into_iter().zip(&all);
-    done.map(|(done, (_, signals))| ended(done, signals, std)).collect()
+    done.map(|(done, (_, signals))| ended(done, signals, std, vague_deg)).collect()
 }

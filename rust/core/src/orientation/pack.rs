@@ -6,7 +6,7 @@
 //!
 //! # Floor
 //!
-//! A sample moves 96 bytes in and 41 out. In one recording the chain from one orientation to the next sets the floor, in cycles
+//! A sample moves 96 bytes in and 40 out. In one recording the chain from one orientation to the next sets the floor, in cycles
 //! of latency (addition 2, multiplication 3, division 13, root 20, as on Zen 5): for the complementary filter two quaternion
 //! products 14, `Rᵀa1` 12, squares of the gradient with heading gain 18, root beside division 29, step 5: about 80, 21 ns at
 //! 3.75 GHz. `interleaved` takes about 32 ns with all that goes on beside the chain, which counts too, for numbers one by one fill
