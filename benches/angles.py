@@ -6,7 +6,6 @@ python benches/angles.py [--markdown] [--part rig|walk|axes|simulated] [--runs N
 from __future__ import annotations
 
 import argparse
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -17,7 +16,7 @@ import imufast
 import numpy as np
 from imufast.hinge_angle import flexion_axis, hinge_turn
 from imufast.quaternion import conjugate, from_matrix, matrix, multiply
-from measuring import Array, data_folder, one_core, refuse_debug_build, rms, setting, table
+from measuring import Array, begin, data_folder, rms
 
 Rows = list[list[str]]
 RIG = ("1D_01", "1D_02", "1D_04")
@@ -378,13 +377,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=20, help="simulations of each kind; default 20")
     parser.add_argument("--figures", type=Path, metavar="FOLDER", help="draw the walking knees there")
     chosen = parser.parse_args()
-    refuse_debug_build()
-    one_core()
-    warnings.simplefilter("ignore", imufast.ImufastWarning)
-    print(setting(), end="\n\n")
-
-    def show(title: str, headings: Sequence[str], rows: Rows) -> None:
-        print(f"{title}\n\n{table(headings, rows, markdown=chosen.markdown)}\n", flush=True)
+    show = begin(markdown=chosen.markdown)
 
     if chosen.part in (None, "rig"):
         title = "Angle of mechanical hinges against optics (itself good to 0.15 to 0.35°), one constant removed."

@@ -25,7 +25,7 @@ from typing import Any
 import imufast
 import numpy as np
 from imufast import BallMotion, CenterSettings
-from measuring import Array, data_folder, imus, one_core, refuse_debug_build, setting, table
+from measuring import Array, begin, data_folder, imus
 from scipy.stats import chi2
 
 Rows = list[list[str | None]]
@@ -375,13 +375,8 @@ def main() -> None:
     parser.add_argument("--recordings", type=int, default=1000, help="how many are simulated; default 1000")
     parser.add_argument("--hours", type=int, default=24, help="length of the stream; default 24")
     chosen = parser.parse_args()
-    refuse_debug_build()
     cores = set(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else {0}
-    one_core()
-    print(setting(), end="\n\n")
-
-    def show(title: str, headings: Sequence[str], rows: Rows) -> None:
-        print(f"{title}\n\n{table(headings, rows, markdown=chosen.markdown)}\n", flush=True)
+    show = begin(markdown=chosen.markdown)
 
     def wanted(*names: str) -> bool:
         return chosen.part in (None, *names)

@@ -191,6 +191,19 @@ def pair_error_deg(axis1: Array, axis2: Array, truth1: Array, truth2: Array) -> 
     return min(max(angle(sign * axis1, truth1), angle(sign * axis2, truth2)) for sign in (1.0, -1.0))
 
 
+def begin(*, markdown: bool) -> Callable[[str, Sequence[str], Sequence[Sequence[Any]]], None]:
+    """What every bench begins with: a release build, one core, quiet, and where it runs. Gives what shows a table."""
+    refuse_debug_build()
+    one_core()
+    warnings.simplefilter("ignore", imufast.ImufastWarning)
+    print(setting(), end="\n\n")
+
+    def show(title: str, headings: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
+        print(f"{title}\n\n{table(headings, rows, markdown=markdown)}\n", flush=True)
+
+    return show
+
+
 def table(headings: Sequence[str], rows: Sequence[Sequence[Any]], *, markdown: bool) -> str:
     """A table as text; the first column is words, None is a dash."""
     cells = [list(headings)] + [["–" if cell is None else str(cell) for cell in row] for row in rows]

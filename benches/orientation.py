@@ -23,7 +23,6 @@ import functools
 import os
 import resource
 import time
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from multiprocessing import get_context
@@ -37,17 +36,14 @@ from imufast.filters import plan
 from imufast.simulate import PairSimulation
 from measuring import (
     Array,
+    begin,
     data_folder,
     dfjimu_orientation,
     imus,
     interleaved,
-    one_core,
     quaternion_errors_deg,
-    refuse_debug_build,
     relative,
     rms,
-    setting,
-    table,
 )
 from speed import fastest
 
@@ -352,13 +348,7 @@ def main() -> None:
     parser.add_argument("--part", choices=parts, help="one part only")
     parser.add_argument("--rounds", type=int, default=9, help="interleaved rounds of timed runs; default 9")
     chosen = parser.parse_args()
-    refuse_debug_build()
-    one_core()
-    warnings.simplefilter("ignore", imufast.ImufastWarning)
-    print(setting(), end="\n\n")
-
-    def show(title: str, headings: Sequence[str], rows: Rows) -> None:
-        print(f"{title}\n\n{table(headings, rows, markdown=chosen.markdown)}\n", flush=True)
+    show = begin(markdown=chosen.markdown)
 
     def wanted(*names: str) -> bool:
         return chosen.part in (None, *names)

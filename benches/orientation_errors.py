@@ -9,8 +9,6 @@ The simulations are seeded; no setting is chosen for one of them. Errors are tot
 from __future__ import annotations
 
 import argparse
-import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +16,7 @@ import imufast
 import numpy as np
 from imufast import Complementary, Imu, Mekf, Smoother
 from imufast.simulate import PairSimulation
-from measuring import Array, imus, one_core, quaternion_errors_deg, refuse_debug_build, relative, rms, setting, table
+from measuring import Array, begin, imus, quaternion_errors_deg, relative, rms
 from orientation import Method, Rows, truly
 
 SETTLED_S = 10.0
@@ -202,13 +200,7 @@ def main() -> None:
     parser.add_argument("--part", choices=("consistency", "disturbances", "rates"), help="one part only")
     parser.add_argument("--runs", type=int, default=100, help="simulations of the consistency; default 100")
     chosen = parser.parse_args()
-    refuse_debug_build()
-    one_core()
-    warnings.simplefilter("ignore", imufast.ImufastWarning)
-    print(setting(), end="\n\n")
-
-    def show(title: str, headings: Sequence[str], rows: Rows) -> None:
-        print(f"{title}\n\n{table(headings, rows, markdown=chosen.markdown)}\n", flush=True)
+    show = begin(markdown=chosen.markdown)
 
     runs = max(1, chosen.runs)
     few = max(1, runs // 12)
