@@ -26,10 +26,10 @@ $(BIN)/maturin: pyproject.toml
 	VIRTUAL_ENV="$(CURDIR)/.venv" PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/maturin develop --quiet --release --extras bench
 	@touch $@
 
-# ...and OpenSim, which reads the files that imufast writes for it; where it has no wheel its tests skip, and say so.
+# ...and OpenSim, which reads the files that imufast writes for it, and rerun-sdk; where one has no wheel their tests skip, and say so.
 .venv/.opensim: .venv/.built
-	VIRTUAL_ENV="$(CURDIR)/.venv" PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/maturin develop --quiet --release --extras opensim \
-		|| echo "opensim cannot be installed for this Python: its tests will skip"
+	VIRTUAL_ENV="$(CURDIR)/.venv" PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/maturin develop --quiet --release --extras opensim,rerun \
+		|| echo "opensim or rerun-sdk cannot be installed for this Python: their tests will skip"
 	@touch $@
 
 demo: .venv/.built

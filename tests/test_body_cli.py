@@ -116,7 +116,7 @@ def test_progress_is_told_and_a_stop_is_honoured(folder: Path, tmp_path: Path, m
         (("--placement", "all.npz"), "is no TOML"),
         (("--placement", "all.toml", "--height", "178"), "--height must be between 0.8 and 2.5, got 178"),
         (("--placement", "all.toml", "--out", "b.txt"), "--out 'b.txt' must end in .mot, .sto, .csv or .parquet"),
-        (("--placement", "all.toml", "--animate", "b.rrd"), "--animate 'b.rrd' must end in .gif or .mp4"),
+        (("--placement", "all.toml", "--animate", "b.avi"), "--animate 'b.avi' must end in .gif, .mp4 or .rrd"),
         (("--placement", "all.toml", "--report", "no/b.html"), "--report 'no/b.html' cannot be written"),
         (("--placement", "all.toml", "--out", "all.toml"), "--out 'all.toml' would replace the placement 'all.toml'"),
         (("--placement", "all.toml", "--json", "all.npz"), "--json 'all.npz' would replace the recording 'all.npz'"),

@@ -226,6 +226,26 @@ def test_an_mp4_by_ffmpeg(tmp_path: Path) -> None:
     assert [file.name for file in tmp_path.iterdir()] == ["a.mp4"]
 
 
+def test_a_file_for_the_rerun_viewer(tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    done: list[tuple[int, int]] = []
+    write_animation(found(), tmp_path / "a.rrd", title="walk", span_s=(8.0, 9.0), progress=lambda *k: done.append(k))
+    written = (tmp_path / "a.rrd").read_bytes()
+    assert written.startswith(b"RRF2")
+    assert done[-1] == (51, 51)
+    assert [file.name for file in tmp_path.iterdir()] == ["a.rrd"]
+    # One second of 51 places and 18 angles is tens of kB, and twice as long about twice as much.
+    write_animation(found(), tmp_path / "b.rrd", span_s=(8.0, 10.0))
+    assert len(written) < (tmp_path / "b.rrd").stat().st_size < 3 * len(written)
+
+
+def test_without_rerun_it_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "rerun", None)
+    with pytest.raises(ImufastError, match=r"an \.rrd needs rerun-sdk: pip install 'imufast\[rerun\]'"):
+        write_animation(found(), tmp_path / "a.rrd")
+    assert not list(tmp_path.iterdir())
+
+
 def test_without_ffmpeg_it_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("shutil.which", lambda _: None)
     monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)

@@ -1,4 +1,4 @@
-"""A lower body as a moving stick figure, from the right and from behind: `.gif`, and `.mp4` by ffmpeg."""
+"""A lower body as a moving stick figure: `.gif`, `.mp4` by ffmpeg, and `.rrd` for the rerun viewer."""
 
 from __future__ import annotations
 
@@ -18,14 +18,15 @@ from imufast.errors import ImufastError, InputError
 from imufast.files import check_target, replacing
 from imufast.imu import GAP_STEPS
 from imufast.report.body_content import liveliest
+from imufast.report.rerun_file import check_rerun, write_rerun
 
 __all__ = ["ANIMATION_FORMATS", "check_animation_target", "write_animation"]
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-ANIMATION_FORMATS = (".gif", ".mp4")
-RATES_HZ = {".gif": 10.0, ".mp4": 25.0}
+ANIMATION_FORMATS = (".gif", ".mp4", ".rrd")
+RATES_HZ = {".gif": 10.0, ".mp4": 25.0, ".rrd": 50.0}
 LONGEST_S = 60.0
 """Shown where no span is told."""
 WIDTH_PX, HEIGHT_PX = 720, 440
@@ -42,19 +43,20 @@ def write_animation(
     progress: Callable[[int, int], object] | None = None,
 ) -> None:
     """Draw the subject as a stick figure over time, in real time, from the right and from behind, as a `.gif` or `.mp4` file,
-    whole or not at all. Between the estimate's moments places are drawn on smooth curves; stretches without samples are left
-    out.
+    or, to turn about, with all angles as an `.rrd` file for the rerun viewer; whole or not at all. Between the estimate's
+    moments places are drawn on smooth curves; stretches without samples are left out.
 
     Args:
         body: what `estimate_lower_body` gave.
         path: the file to write; an existing one is replaced.
-        title: above the figure. Default None: none.
+        title: above the figure, or what the viewer calls it. Default None: none.
         span_s: first and last time, s since the start. Default None: all, of more than a minute the liveliest minute.
         progress: called with (frames drawn, frames in all); may raise to stop. Default None.
 
     Raises:
         InputError: not a LowerBody, another end of the name, a span outside the recording, or a path that cannot be written.
-        ImufastError: the extra `report` is not installed; or of an `.mp4` there is no ffmpeg, or it fails.
+        ImufastError: the extra `report` is not installed; of an `.mp4` there is no ffmpeg, or it fails; or of an `.rrd` the
+            extra `rerun` is not installed.
     """
     if not isinstance(body, LowerBody):
         raise InputError(f"body must be a LowerBody, what estimate_lower_body gave, got {type(body).__name__}")
@@ -62,6 +64,12 @@ def write_animation(
         raise InputError(f"title must be a text or None, got {type(title).__name__}")
     suffix = check_animation_target(path)
     times = _times(body, span_s, RATES_HZ[suffix])
+    if suffix == ".rrd":
+        drawn = skeleton(body)
+        places = {name: _smooth(body.time_s, place, times) for name, place in drawn.points.items()}
+        with replacing(path) as file:
+            write_rerun(body, drawn, places, times, file.name, title, progress)
+        return
     frames = _frames(body, times, title, progress)
     with replacing(path) as file:
         if suffix == ".gif":
@@ -75,17 +83,19 @@ def check_animation_target(path: str | os.PathLike[str], name: str = "path") -> 
 
     Raises:
         InputError: another end of the name, or a path that cannot be written.
-        ImufastError: the extra `report` is not installed, or of an `.mp4` there is no ffmpeg.
+        ImufastError: the extra `report` is not installed, of an `.mp4` there is no ffmpeg, or of an `.rrd` no rerun-sdk.
     """
     from imufast.report.page import check_extra
 
     check_target(path, name)
     suffix = Path(path).suffix.lower()
     if suffix not in ANIMATION_FORMATS:
-        raise InputError(f"{name} {str(path)!r} must end in .gif or .mp4: that says what to draw")
+        raise InputError(f"{name} {str(path)!r} must end in .gif, .mp4 or .rrd: that says what to draw")
     check_extra("an animation")
     if suffix == ".mp4":
         _ffmpeg()
+    if suffix == ".rrd":
+        check_rerun()
     return suffix
 
 

@@ -329,7 +329,7 @@ fn ended(done: Done, signals: &Signals<'_>, std: &mut [f64], vague_deg: f64) -> 
         return Err(PyValueError::new_err(signals.fault().unwrap_or("some samples could not be taken")));
     }
     let mut vague = 0;
-    for std in &mut std[done.rows] {
+    for std in std.get_mut(done.rows).unwrap_or_default() {
         // Beyond half a turn an angle says no more.
         *std = std.to_degrees().min(180.0);
         vague += usize::from(*std > vague_deg);
