@@ -21,7 +21,11 @@ Array = NDArray[np.float64]
 
 
 def check_rerun() -> None:
-    """Raises ImufastError if rerun-sdk is missing."""
+    """Refuse with advice if rerun-sdk is missing.
+
+    Raises:
+        ImufastError: it is.
+    """
     try:
         import rerun  # noqa: F401
     except ImportError:
@@ -48,7 +52,7 @@ def write_rerun(
         points: name to (T, 3) places of their ends, m.
         times: (T,) s.
         path: the file to write.
-        title: what the recording is called. Default of the viewer: None.
+        title: what the viewer calls the recording; None: nothing.
         progress: called with (moments written, moments in all); may raise to stop.
 
     Raises:
